@@ -34,17 +34,16 @@ def kernel_cache_dir() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {np.__version__} {llvmlite.binding.get_host_cpu_name()}".encode())
     for package in KERNEL_PACKAGES:
         spec = importlib.util.find_spec(package)
-        for folder in (spec.submodule_search_locations or []) if spec else []:
-            for path in sorted(Path(folder).rglob("*.py")):
+        for place in (spec.submodule_search_locations or []) if spec else []:
+            for path in sorted(Path(place).rglob("*.py")):
                 text = path.read_bytes()
                 if b"nurbs_cache.jit" in text or path.name.endswith("_record.py"):
                     digest.update(path.name.encode() + text)
-    base = os.environ.get("NURBS_OOC_KERNEL_CACHE") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "nurbs-ooc", "kernels"
-    )
-    folder = Path(base) / digest.hexdigest()[:16]
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    base = Path(os.environ.get("NURBS_OOC_KERNEL_CACHE") or user_cache / "nurbs-ooc" / "kernels")
+    folder = base / digest.hexdigest()[:16]
     if not folder.exists():
-        _drop_old(Path(base))
+        _drop_old(base)
     return folder
 
 

@@ -35,7 +35,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -239,7 +239,9 @@ class GeometryBatch:
         blobs = [view[start : start + n] for start, n in zip(starts, lengths, strict=False)]
         dtypes = [SURFACE_DTYPE, LOOP_DTYPE, COEDGE_DTYPE, EDGE_DTYPE, CURVE_DTYPE, np.dtype(float), np.dtype(float)]
         try:
-            arrays = [np.frombuffer(blob, dtype) for blob, dtype in zip(blobs, dtypes, strict=False)]
+            arrays: list[npt.NDArray[Any]] = [
+                np.frombuffer(blob, dtype) for blob, dtype in zip(blobs, dtypes, strict=False)
+            ]
             vertices = arrays[5].reshape(-1, 3)
             names = bytes(blobs[7]).decode()
         except ValueError as error:

@@ -1,0 +1,5 @@
+"""``python -m nurbs_ooc``: the command without its installed script."""
+
+from nurbs_ooc.cli.main import main
+
+main(prog_name="nurbs-ooc")
