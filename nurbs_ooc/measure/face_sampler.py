@@ -172,7 +172,9 @@ def _random_break(
     if len(geometry.curves):
         c = geometry.curves[np.maximum(s["profile"], 0)]
         along_profile = along_profile & (c["kind"] == CurveKind.NURBS)
-        first, degree, n = (np.where(along_profile, c[k], x) for k, x in zip(("knots", "degree", "n"), (first, degree, n), strict=True))
+        first, degree, n = (
+            np.where(along_profile, c[k], x) for k, x in zip(("knots", "degree", "n"), (first, degree, n), strict=True)
+        )
     has_knots = (s["kind"] == SurfaceKind.NURBS) | along_profile
     at = first + degree + (rng.random(len(rows)) * (n - degree + 1)).astype(np.int64)
     knot = geometry.values[np.where(has_knots, at, 0)] if len(geometry.values) else quarter

@@ -45,7 +45,9 @@ class Shape:
         self.curves.append(record)
         return len(self.curves) - 1
 
-    def conic(self, kind: CurveKind, centre: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike, t0: float, t1: float) -> int:
+    def conic(
+        self, kind: CurveKind, centre: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike, t0: float, t1: float
+    ) -> int:
         points = np.stack([np.asarray(x, float) for x in (centre, a, b)])
         self.curves.append(dict(kind=kind, dim=points.shape[1], points=self.pool(points), t0=t0, t1=t1))
         return len(self.curves) - 1
@@ -60,8 +62,12 @@ class Shape:
         self.loop([self.curve([at[i], at[(i + 1) % len(at)]], 1, [0, 0, 1, 1], 2) for i in range(len(at))])
 
     def analytic(self, kind: SurfaceKind, domain: tuple[float, float, float, float], **more: object) -> int:
-        frame = np.concatenate([np.array(more.pop(k, d), float) for k, d in (
-            ("origin", (0, 0, 0)), ("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))])
+        frame = np.concatenate(
+            [
+                np.array(more.pop(k, d), float)
+                for k, d in (("origin", (0, 0, 0)), ("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
+            ]
+        )
         numbers = np.concatenate([frame, [float(more.pop("a", 0.0)), float(more.pop("b", 0.0))]])  # type: ignore[arg-type]
         return self._surface(domain, kind=kind, frame=self.pool(numbers), **more)
 
@@ -70,14 +76,25 @@ class Shape:
         n_u, n_v = net.shape[:2]
         domain = (ku[p], ku[n_u], kv[q], kv[n_v])
         return self._surface(
-            domain, kind=SurfaceKind.NURBS, rational=rational, degree_u=p, degree_v=q, n_u=n_u, n_v=n_v,
-            knots_u=self.pool(ku), knots_v=self.pool(kv), points=self.pool(net), frame=-1,
+            domain,
+            kind=SurfaceKind.NURBS,
+            rational=rational,
+            degree_u=p,
+            degree_v=q,
+            n_u=n_u,
+            n_v=n_v,
+            knots_u=self.pool(ku),
+            knots_v=self.pool(kv),
+            points=self.pool(net),
+            frame=-1,
         )
 
     def _surface(self, domain: tuple[float, float, float, float], **record: object) -> int:
         u0, u1, v0, v1 = domain
         first = sum(int(s["n_loops"]) for s in self.surfaces)  # type: ignore[call-overload]
-        base: dict[str, object] = dict(profile=-1, u0=u0, u1=u1, v0=v0, v1=v1, first_loop=first, n_loops=len(self.loops) - first)
+        base: dict[str, object] = dict(
+            profile=-1, u0=u0, u1=u1, v0=v0, v1=v1, first_loop=first, n_loops=len(self.loops) - first
+        )
         self.surfaces.append(base | record)
         return len(self.surfaces) - 1
 
@@ -102,11 +119,15 @@ class Shape:
 
 def sphere(radius: float = 10.0, **more: object) -> GeometryBatch:
     shape = Shape()
-    shape.analytic(SurfaceKind.SPHERE, (0, 2 * math.pi, -math.pi / 2, math.pi / 2), a=radius, u_period=2 * math.pi, **more)
+    shape.analytic(
+        SurfaceKind.SPHERE, (0, 2 * math.pi, -math.pi / 2, math.pi / 2), a=radius, u_period=2 * math.pi, **more
+    )
     return shape.batch()
 
 
-def random_nurbs(rng: np.random.Generator, degrees: tuple[int, int], counts: tuple[int, int], rational: bool) -> GeometryBatch:
+def random_nurbs(
+    rng: np.random.Generator, degrees: tuple[int, int], counts: tuple[int, int], rational: bool
+) -> GeometryBatch:
     shape = Shape()
     net = np.empty((*counts, 4 if rational else 3))
     net[..., 0], net[..., 1] = np.meshgrid(np.linspace(0, 10, counts[0]), np.linspace(0, 7, counts[1]), indexing="ij")

@@ -125,7 +125,9 @@ def test_normals_point_outside_and_vanish_at_poles() -> None:
 def test_periodic_parameters_are_turned_into_the_knots() -> None:
     g = random_nurbs(np.random.default_rng(5), (3, 3), (8, 8), False)
     g.surfaces["u_period"] = 1.0
-    np.testing.assert_allclose(points(g, 0, [[1.25, 0.5], [-0.75, 0.5]]), points(g, 0, [[0.25, 0.5], [0.25, 0.5]]), atol=1e-13)
+    np.testing.assert_allclose(
+        points(g, 0, [[1.25, 0.5], [-0.75, 0.5]]), points(g, 0, [[0.25, 0.5], [0.25, 0.5]]), atol=1e-13
+    )
 
 
 def test_rational_circle_is_a_circle() -> None:

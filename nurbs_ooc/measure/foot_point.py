@@ -1,0 +1,222 @@
+"""Feet of points on trimmed faces: the witnesses that a drawn point is near its surface.
+
+A foot found is a proof that the distance is no larger; that none was found proves nothing. So feet are
+sought from several seeds on the surface and along the boundary, and what is still too far then goes
+to ``nowhere_near`` of ``certify_far``.
+
+Source: K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004,
+section 3.2 (Levenberg-Marquardt), with steps clamped to the face's parameter box.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper, kernel
+from nurbs_ooc.measure.closest import ClosestPrimitive
+from nurbs_ooc.measure.exact_curve import MAX_DEGREE, curve_point
+from nurbs_ooc.measure.exact_surface import points, surface_point
+from nurbs_ooc.measure.face_sampler import SampleSet
+from nurbs_ooc.measure.trim_region import TrimRegion
+
+MAX_STEPS = 60
+SHRINK, GROW = 0.2, 6.0  # of the damping, after a good and a bad step
+GOLDEN = 0.6180339887498949
+
+
+@helper
+def _offset2(p, s):  # type: ignore[no-untyped-def]
+    return (s[0] - p[0]) ** 2 + (s[1] - p[1]) ** 2 + (s[2] - p[2]) ** 2
+
+
+@kernel
+def _descend(surfaces, curves, values, rows, bounds, p, uv, distance):  # type: ignore[no-untyped-def]
+    """Move each ``uv`` downhill to a local foot of ``p``, inside its box; ``distance`` gets what is left."""
+    scratch = np.empty((3, 2, MAX_DEGREE + 1))
+    s, trial = np.empty((3, 3)), np.empty((3, 3))
+    step, at, goal = np.empty(2), np.empty(2), np.empty(2)
+    for i in range(len(rows)):
+        box = bounds[i]
+        for k in range(2):
+            at[k] = min(box[2 + k], max(box[k], uv[i, k]))
+        surface_point(surfaces, curves, values, rows[i], at[0], at[1], scratch, s)
+        d2 = _offset2(p[i], s[0])
+        damping = 1e-4
+        for _ in range(MAX_STEPS):
+            a, b, c, g, h = 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(3):
+                r = p[i, k] - s[0, k]
+                a += s[1, k] * s[1, k]
+                b += s[1, k] * s[2, k]
+                c += s[2, k] * s[2, k]
+                g += s[1, k] * r
+                h += s[2, k] * r
+            # A coordinate that would leave the box is held.
+            hold_u = (at[0] <= box[0] and g <= 0.0) or (at[0] >= box[2] and g >= 0.0) or a == 0.0
+            hold_v = (at[1] <= box[1] and h <= 0.0) or (at[1] >= box[3] and h >= 0.0) or c == 0.0
+            if hold_u and hold_v:
+                break
+            a, c = a * (1.0 + damping), c * (1.0 + damping)
+            det = a * c - b * b
+            if hold_u or hold_v or det <= 1e-14 * a * c:
+                step[0] = 0.0 if hold_u else g / a
+                step[1] = 0.0 if hold_v else h / c
+            else:
+                step[0], step[1] = (c * g - b * h) / det, (a * h - b * g) / det
+            for k in range(2):
+                goal[k] = min(box[2 + k], max(box[k], at[k] + step[k]))
+            surface_point(surfaces, curves, values, rows[i], goal[0], goal[1], scratch, trial)
+            better = _offset2(p[i], trial[0])
+            if better < d2:
+                moved = _offset2(s[0], trial[0])
+                small = moved <= 1e-20 * (1.0 + d2) or d2 - better <= 1e-13 * d2
+                d2 = better
+                at[:] = goal
+                s[:] = trial
+                damping = max(1e-12, damping * SHRINK)
+                if small:
+                    break
+            else:
+                damping *= GROW
+                if damping > 1e9:
+                    break
+        uv[i, 0], uv[i, 1] = at[0], at[1]
+        distance[i] = np.sqrt(d2)
+
+
+@kernel
+def _slide(surfaces, curves, values, coedges, segments, rows, at_segment, p, uv, distance):  # type: ignore[no-untyped-def]
+    """Golden-section search for the foot of ``p`` on the exact boundary curve over one segment."""
+    scratch = np.empty((3, 2, MAX_DEGREE + 1))
+    on, s = np.zeros((2, 3)), np.empty((3, 3))
+    t, d2, where = np.empty(4), np.empty(4), np.empty((4, 2))
+    for i in range(len(rows)):
+        segment = segments[at_segment[i]]
+        t[0], t[3] = 0.0, 1.0
+        t[1], t[2] = 1.0 - GOLDEN, GOLDEN
+        fresh = 4  # evaluate all four first, then one a step
+        best = np.inf
+        for _ in range(24):
+            for k in range(4):
+                if fresh != 4 and k != fresh:
+                    continue
+                if segment.coedge >= 0:
+                    along = segment.t0 + t[k] * (segment.t1 - segment.t0)
+                    curve_point(values, curves[coedges[segment.coedge].pcurve], along, scratch[0], on)
+                else:
+                    for j in range(2):
+                        on[0, j] = segment.uv0[j] + t[k] * (segment.uv1[j] - segment.uv0[j])
+                where[k, 0], where[k, 1] = on[0, 0], on[0, 1]
+                surface_point(surfaces, curves, values, rows[i], on[0, 0], on[0, 1], scratch, s)
+                d2[k] = _offset2(p[i], s[0])
+                if d2[k] < best:
+                    best = d2[k]
+                    uv[i, 0], uv[i, 1] = where[k, 0], where[k, 1]
+            if d2[1] < d2[2]:
+                t[3], d2[3] = t[2], d2[2]
+                t[2], d2[2] = t[1], d2[1]
+                t[1] = t[3] - GOLDEN * (t[3] - t[0])
+                fresh = 1
+            else:
+                t[0], d2[0] = t[1], d2[1]
+                t[1], d2[1] = t[2], d2[2]
+                t[2] = t[0] + GOLDEN * (t[3] - t[0])
+                fresh = 2
+        distance[i] = np.sqrt(best)
+
+
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class FootFinder:
+    """Finds points of trimmed faces near given points.
+
+    Args:
+        region: the faces.
+        samples: points of the faces, as seeds; in ascending order of face.
+    """
+
+    def __init__(self, region: TrimRegion, samples: SampleSet) -> None:
+        self.region, self.samples = region, samples
+        n = len(region.faces)
+        self._seeds = ClosestPrimitive(
+            samples.points, np.repeat(np.arange(len(samples))[:, None], 3, 1), samples.face, n
+        )
+        segments = region.segments
+        of = np.repeat(np.arange(n), np.diff(region.start))
+        rows = region.faces[of]
+        ends = [points(region.geometry, rows, segments[name]) for name in ("uv0", "uv1")]
+        m = len(segments)
+        chords = np.stack([np.arange(m), np.arange(m) + m, np.arange(m) + m], 1)
+        self._chords = ClosestPrimitive(np.concatenate(ends), chords, of, n)
+
+    def descend(self, face: Indices, p: Floats, seed_uv: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+        """Local feet from the seeds: their (n, 2) parameters, the distances, and whether each is inside its face."""
+        g = self.region.geometry
+        uv, distance = np.array(seed_uv, float), np.empty(len(face))
+        tables = (g.surfaces, g.curves, g.values, self.region.faces[face], self.region.bounds[face])
+        _descend(*tables, np.ascontiguousarray(p), uv, distance)
+        return uv, distance, self.region.contains(face, uv)
+
+    def on_boundary(self, face: Indices, p: Floats) -> tuple[Floats, Floats]:
+        """Feet on the boundary curves: (n, 2) parameters and distances; the nearest segment is searched."""
+        g = self.region.geometry
+        _, segment = self._chords.query(p, face)
+        uv, distance = np.full((len(face), 2), np.nan), np.full(len(face), np.inf)
+        some = np.flatnonzero(segment >= 0)
+        found_uv, found = np.empty((len(some), 2)), np.empty(len(some))
+        tables = (g.surfaces, g.curves, g.values, g.coedges, self.region.segments, self.region.faces[face[some]])
+        _slide(*tables, segment[some], np.ascontiguousarray(p[some]), found_uv, found)
+        uv[some], distance[some] = found_uv, found
+        return uv, distance
+
+    def find(self, face: Indices, p: Floats, hint_uv: Floats | None, limit: Floats) -> tuple[Floats, Floats]:
+        """Feet of (n, 3) points on their faces: (n, 2) parameters and distances (upper bounds of the true ones).
+
+        Args:
+            face: (n,) indices into the region's faces.
+            p: (n, 3), mm.
+            hint_uv: (n, 2) where to begin, or None; the nearest sample is tried whenever it is nearer.
+            limit: (n,) mm; only points that seem farther than this cost a search from more seeds.
+        """
+        rows = self.region.faces[face]
+        distance, nearest = self._seeds.query(p, face)
+        uv = self.samples.uv[np.maximum(nearest, 0)]
+        if hint_uv is not None:
+            hinted = np.linalg.norm(points(self.region.geometry, rows, hint_uv) - p, axis=1)
+            uv = np.where((hinted < distance)[:, None], hint_uv, uv)
+        best_uv, best = self.samples.uv[np.maximum(nearest, 0)].copy(), distance
+        self._improve(face, p, uv, best_uv, best)
+        edge = np.flatnonzero(best > 0.0)
+        edge_uv, at_edge = self.on_boundary(face[edge], p[edge])
+        nearer = at_edge < best[edge]
+        best[edge[nearer]], best_uv[edge[nearer]] = at_edge[nearer], edge_uv[nearer]
+        far = np.flatnonzero(best > limit)
+        for seed in self._more_seeds(face[far], p[far]):
+            sub_uv, sub = best_uv[far], best[far]
+            self._improve(face[far], p[far], seed, sub_uv, sub)
+            best_uv[far], best[far] = sub_uv, sub
+        return best_uv, best
+
+    def _improve(self, face: Indices, p: Floats, seed: Floats, best_uv: Floats, best: Floats) -> None:
+        uv, d, inside = self.descend(face, p, seed)
+        better = inside & (d < best)
+        best_uv[better], best[better] = uv[better], d[better]
+
+    def _more_seeds(self, face: Indices, p: Floats, n: int = 12) -> list[Floats]:
+        """``n`` further seeds for every point: the nearest samples of its face, each next one twice as far down the list."""
+        seeds = np.empty((n, len(face), 2))
+        start = np.searchsorted(self.samples.face, np.arange(len(self.region.faces) + 1))
+        for i, f in enumerate(face):
+            own = slice(start[f], start[f + 1])
+            order = np.argsort(((self.samples.points[own] - p[i]) ** 2).sum(1))
+            if len(order) == 0:
+                seeds[:, i] = self.region.bounds[f, :2]
+                continue
+            ranks = np.minimum(
+                np.concatenate([np.arange(1, n // 2 + 1), 2 ** np.arange(3, 3 + n - n // 2)]), len(order) - 1
+            )
+            seeds[:, i] = self.samples.uv[own][order[ranks]]
+        return list(seeds)
