@@ -36,7 +36,8 @@ def climb(
     Args:
         region: the faces; no step leaves them.
         face: (n,) index of each start's face.
-        uv: (n, 2) starts with ``value`` (n,) there.
+        uv: (n, 2) starts.
+        value: (n,) what ``distance`` gives there.
         step: (n, 2) first step in each direction.
         distance: measures (start index, point) pairs.
 
@@ -50,9 +51,9 @@ def climb(
         rows = np.flatnonzero(region.contains(face[start], tried))
         found = np.full(len(start), -np.inf)
         found[rows] = distance(start[rows], points(region.geometry, region.faces[face[start[rows]]], tried[rows]))
-        found = found.reshape(-1, len(DIRECTIONS))
-        best = np.argmax(found, axis=1)
-        top = found[np.arange(len(face)), best]
+        around = found.reshape(-1, len(DIRECTIONS))
+        best = np.argmax(around, axis=1)
+        top = around[np.arange(len(face)), best]
         up = top > value
         uv[up], value[up] = tried.reshape(-1, len(DIRECTIONS), 2)[up, best[up]], top[up]
         step[~up] *= 0.5

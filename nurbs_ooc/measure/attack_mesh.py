@@ -21,7 +21,7 @@ from nurbs_ooc.measure.ascent import climb, worst_of_each
 from nurbs_ooc.measure.certify_far import nowhere_near
 from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
 from nurbs_ooc.measure.exact_surface import normals, points
-from nurbs_ooc.measure.face_sampler import SampleSet, sample_faces
+from nurbs_ooc.measure.face_sampler import sample_faces
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.mesh_sampler import sample_triangles
 from nurbs_ooc.measure.trim_region import TrimRegion

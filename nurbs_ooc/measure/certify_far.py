@@ -22,7 +22,7 @@ MAX_CELLS = 400_000
 
 
 def nowhere_near(region: TrimRegion, face: int, p: npt.NDArray[np.float64], limit: float) -> bool:
-    """True if no point of the face (index in ``region``) is within ``limit`` mm of ``p``; False if that is not proven."""
+    """True if no point of the face (index in ``region``) is within ``limit`` mm of ``p``; False if not proven."""
     low, high = region.bounds[face, :2], region.bounds[face, 2:]
     half = (high - low) / (2 * FIRST_CELLS)
     steps = (2 * np.arange(FIRST_CELLS) + 1)[:, None] * half + low
@@ -72,7 +72,4 @@ def _touches_face(
     own = region.segments[region.start[face] : region.start[face + 1]]
     low = np.minimum(own["uv0"], own["uv1"])
     high = np.maximum(own["uv0"], own["uv1"])
-    for c in centre:
-        if ((low <= c + half) & (high >= c - half)).all(1).any():
-            return True
-    return False
+    return any(((low <= c + half) & (high >= c - half)).all(1).any() for c in centre)

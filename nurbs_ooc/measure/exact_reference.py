@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mpmath
 import numpy as np
 
 from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
@@ -37,7 +36,9 @@ EXTENDED = Arithmetic(np.longdouble, np.cos, np.sin, np.cosh, np.sinh)
 
 
 def multiprecision(digits: int = 50) -> Arithmetic:
-    """mpmath numbers of so many decimal digits (sets mpmath's working precision)."""
+    """Mpmath numbers of so many decimal digits (sets mpmath's working precision)."""
+    import mpmath  # type: ignore[import-untyped]
+
     mpmath.mp.dps = digits
     return Arithmetic(mpmath.mpf, mpmath.cos, mpmath.sin, mpmath.cosh, mpmath.sinh)
 
@@ -92,12 +93,14 @@ def surface_point(geometry: GeometryBatch, row: int, u: Number, v: Number, arith
         cross = [z[1] * c[2] - z[2] * c[1], z[2] * c[0] - z[0] * c[2], z[0] * c[1] - z[1] * c[0]]
         along = (1 - cos(u)) * sum(z[k] * c[k] for k in range(3))
         return [o[k] + cos(u) * c[k] + sin(u) * cross[k] + along * z[k] for k in range(3)]
-    r, h = {
-        SurfaceKind.CYLINDER: lambda: (number(1), v),
-        SurfaceKind.CONE: lambda: (a + v * sin(b), v * cos(b)),
-        SurfaceKind.SPHERE: lambda: (a * cos(v), a * sin(v)),
-        SurfaceKind.TORUS: lambda: (a + b * cos(v), b * sin(v)),
-    }[kind]()
+    if kind == SurfaceKind.CYLINDER:
+        r, h = number(1), v
+    elif kind == SurfaceKind.CONE:
+        r, h = a + v * sin(b), v * cos(b)
+    elif kind == SurfaceKind.SPHERE:
+        r, h = a * cos(v), a * sin(v)
+    else:
+        r, h = a + b * cos(v), b * sin(v)
     return [o[k] + r * (cos(u) * x[k] + sin(u) * y[k]) + h * z[k] for k in range(3)]
 
 

@@ -206,7 +206,7 @@ class FootFinder:
         best_uv[better], best[better] = uv[better], d[better]
 
     def _more_seeds(self, face: Indices, p: Floats, n: int = 12) -> list[Floats]:
-        """``n`` further seeds for every point: the nearest samples of its face, each next one twice as far down the list."""
+        """``n`` further seeds for every point: near samples of its face, then ever farther ones."""
         seeds = np.empty((n, len(face), 2))
         start = np.searchsorted(self.samples.face, np.arange(len(self.region.faces) + 1))
         for i, f in enumerate(face):

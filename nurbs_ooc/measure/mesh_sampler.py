@@ -18,6 +18,8 @@ def sample_triangles(
     Args:
         areas: (t,) of all triangles.
         start: (g + 1,) offsets of the groups among them.
+        per_group: points a group, half of them spread by area.
+        rng: where chance comes from.
 
     Returns:
         group (n,), triangle (n,) and barycentric coordinates (n, 3).

@@ -40,8 +40,8 @@ class Shape:
     def curve(self, net: npt.ArrayLike, degree: int, knots: npt.ArrayLike, dim: int, rational: bool = False) -> int:
         points, knots = np.asarray(net, float), np.asarray(knots, float)
         n = len(points)
-        record = dict(kind=CurveKind.NURBS, dim=dim, rational=rational, degree=degree, n=n)
-        record |= dict(knots=self.pool(knots), points=self.pool(points), t0=knots[degree], t1=knots[n])
+        record = {"kind": CurveKind.NURBS, "dim": dim, "rational": rational, "degree": degree, "n": n}
+        record |= {"knots": self.pool(knots), "points": self.pool(points), "t0": knots[degree], "t1": knots[n]}
         self.curves.append(record)
         return len(self.curves) - 1
 
@@ -49,12 +49,12 @@ class Shape:
         self, kind: CurveKind, centre: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike, t0: float, t1: float
     ) -> int:
         points = np.stack([np.asarray(x, float) for x in (centre, a, b)])
-        self.curves.append(dict(kind=kind, dim=points.shape[1], points=self.pool(points), t0=t0, t1=t1))
+        self.curves.append({"kind": kind, "dim": points.shape[1], "points": self.pool(points), "t0": t0, "t1": t1})
         return len(self.curves) - 1
 
     def loop(self, pcurves: list[int]) -> None:
         first = len(self.coedges)
-        self.coedges.extend(dict(edge=-1, pcurve=p) for p in pcurves)
+        self.coedges.extend({"edge": -1, "pcurve": p} for p in pcurves)
         self.loops.append((first, len(pcurves)))
 
     def polygon(self, corners: npt.ArrayLike) -> None:
@@ -92,9 +92,15 @@ class Shape:
     def _surface(self, domain: tuple[float, float, float, float], **record: object) -> int:
         u0, u1, v0, v1 = domain
         first = sum(int(s["n_loops"]) for s in self.surfaces)  # type: ignore[call-overload]
-        base: dict[str, object] = dict(
-            profile=-1, u0=u0, u1=u1, v0=v0, v1=v1, first_loop=first, n_loops=len(self.loops) - first
-        )
+        base: dict[str, object] = {
+            "profile": -1,
+            "u0": u0,
+            "u1": u1,
+            "v0": v0,
+            "v1": v1,
+            "first_loop": first,
+            "n_loops": len(self.loops) - first,
+        }
         self.surfaces.append(base | record)
         return len(self.surfaces) - 1
 

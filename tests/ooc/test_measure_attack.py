@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from measure_shapes import Shape, grid_mesh, mesh_of, octasphere, random_nurbs, sagitta, sphere
 
 from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
 from nurbs_ooc.measure.attack_mesh import AttackReport, attack_mesh
 from nurbs_ooc.tessellation.mesh import MeshBatch
+from tests.ooc.measure_shapes import Shape, grid_mesh, mesh_of, octasphere, random_nurbs, sagitta, sphere
 
 
 def _kinds(report: AttackReport) -> set[str]:
@@ -24,7 +24,8 @@ def test_sphere_measures_its_sagitta(levels: int) -> None:
     truth = sagitta(10.0, v, t)
     report = attack_mesh(sphere(), mesh_of(v, t, truth), samples=2000)
     assert report.violations == []
-    assert report.measured[0] == pytest.approx(truth, rel=2e-2) and report.measured[0] <= truth * (1 + 1e-9)
+    assert report.measured[0] == pytest.approx(truth, rel=2e-2)
+    assert report.measured[0] <= truth * (1 + 1e-9)
     assert report.mesh_to_surface_max[0] == pytest.approx(truth, rel=2e-2)
 
 
@@ -116,10 +117,12 @@ def test_flipped_triangles_and_normals_are_seen() -> None:
     g = random_nurbs(np.random.default_rng(4), (3, 2), (7, 6), False)
     mesh = grid_mesh(g, 30, 30, 0.5)
     report = attack_mesh(g, mesh)
-    assert report.inverted[0] == 0 and report.normal_error_deg[0] < 1e-3
+    assert report.inverted[0] == 0
+    assert report.normal_error_deg[0] < 1e-3
     flipped = dataclasses.replace(mesh, triangles=mesh.triangles[:, ::-1], normals=-mesh.normals)
     report = attack_mesh(g, flipped)
-    assert report.inverted[0] > 1750 and report.normal_error_deg[0] > 179.9
+    assert report.inverted[0] > 1750
+    assert report.normal_error_deg[0] > 179.9
 
 
 def test_the_same_seed_finds_the_same() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from measure_shapes import octasphere
 
 from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
+from tests.ooc.measure_shapes import octasphere
 
 
 @pytest.mark.parametrize("n", [1, 3, 5, 700])
@@ -26,12 +26,14 @@ def test_triangles_equal_libigl(n: int) -> None:
 
 def test_groups_do_not_see_each_other() -> None:
     v, t = octasphere(1.0, 3)
-    both = np.concatenate([v, v + [10.0, 0, 0]])
+    both = np.concatenate([v, v + np.array([10.0, 0, 0])])
     groups = np.repeat([0, 2], len(t))
     tree = ClosestPrimitive(both, np.concatenate([t, t + len(v)]), groups, n_groups=4)
     d, at = tree.query(np.zeros((4, 3)), [0, 1, 2, 3])
-    assert d[0] < 1.0 and d[2] > 8.9
-    assert np.isinf(d[[1, 3]]).all() and (at[[1, 3]] == -1).all()
+    assert d[0] < 1.0
+    assert d[2] > 8.9
+    assert np.isinf(d[[1, 3]]).all()
+    assert (at[[1, 3]] == -1).all()
 
 
 def test_segments_and_points() -> None:
@@ -52,4 +54,5 @@ def test_needles_are_never_closer_than_they_are(height: float) -> None:
 
 def test_empty() -> None:
     d, at = ClosestPrimitive(np.zeros((0, 3)), np.zeros((0, 3), np.int64)).query([[0, 0, 0]])
-    assert np.isinf(d[0]) and at[0] == -1
+    assert np.isinf(d[0])
+    assert at[0] == -1

@@ -7,13 +7,13 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from measure_shapes import Shape, random_nurbs, sphere
 from scipy.interpolate import BSpline
 
 from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
 from nurbs_ooc.measure import exact_reference
 from nurbs_ooc.measure.exact_curve import evaluate_curves
 from nurbs_ooc.measure.exact_surface import derivatives, normals, points
+from tests.ooc.measure_shapes import Shape, random_nurbs, sphere
 
 DEGREES = [(1, 1), (2, 3), (3, 3), (5, 1), (9, 4), (0, 1)]
 
