@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Root of this checkout."""
+    return Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="session")
@@ -37,9 +41,9 @@ def data_file(data_dir: Path) -> Callable[[str], Path]:
 
 
 @pytest.fixture(scope="session")
-def example_file() -> Path:
+def example_file(repository: Path) -> Path:
     """The assembly that is shipped with the project."""
-    return REPOSITORY / "examples" / "trackball_assembly.step.gz"
+    return repository / "examples" / "trackball_assembly.step.gz"
 
 
 @pytest.fixture

@@ -203,7 +203,7 @@ def peak_rss_mib() -> float:
 
     children = psutil.Process().children(recursive=True)
     living = sum(_peak_kib(child.pid) for child in children)
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss if children == [] else 0
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     own = _peak_kib(os.getpid()) or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return float(own + max(living, ended)) / 1024.0
 
