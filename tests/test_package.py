@@ -67,6 +67,7 @@ def test_wheel_holds_the_four_packages(repository: Path, wheel: Path) -> None:
             assert f"{package}/{path.relative_to(source).as_posix()}" in names
         assert f"{package}/py.typed" in names
     assert {name.split("/")[0] for name in names} - {*PACKAGES} == {"nurbs_ooc-0.1.0.dist-info"}
+    assert "nurbs_ooc/examples/trackball_assembly.step.gz" in names
     licences = {name.rsplit("/", 1)[1] for name in names if "/licenses/" in name}
     assert licences == {"LICENSE", "NOTICE"}
 
