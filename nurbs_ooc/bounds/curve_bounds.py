@@ -1,0 +1,193 @@
+"""Bounds of a curve over a parameter interval: derivatives by norm and component, and a box.
+
+The interval must lie within one knot span (up to roundoff); the Bézier net over exactly that
+interval is built by blossoming, so bounds tighten as intervals shrink.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_cache.surface_record import CurveKind
+from nurbs_ooc.bounds.derivatives import OUTWARD
+from nurbs_ooc.geometry.bspline import blossom, find_span
+from nurbs_ooc.geometry.curve import curve_point
+from nurbs_ooc.geometry.tables import Tables
+
+Floats = npt.NDArray[np.float64]
+
+NURBS = int(CurveKind.NURBS)
+ELLIPSE = int(CurveKind.ELLIPSE)
+
+# Rows of the result.
+D1, D2 = 0, 1  # norms of the first and second derivative
+D1_X, D2_X = 2, 5  # three components each
+LOW, HIGH = 8, 11  # box, three components each
+SIZE = 14
+
+
+@helper
+def curve_net(g: Tables, row: int, a: float, b: float, points: Floats, net: Floats) -> int:
+    """Bézier points over [a, b] inside one span; returns their dimension (homogeneous if rational)."""
+    c = g.curves[row]
+    dim = int(c.dim) + int(c.rational)
+    span = find_span(g.values, c.knots, c.n, c.degree, 0.5 * (a + b))
+    for k in range(c.degree + 1):
+        for i in range(c.degree + 1):
+            at = c.points + (span - c.degree + i) * dim
+            for m in range(dim):
+                points[i, m] = g.values[at + m]
+        blossom(g.values, c.knots, span, c.degree, points[: c.degree + 1, :dim], a, b, k, net[k, :dim])
+    return dim
+
+
+@helper
+def _conic_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
+    """Ellipse and hyperbola: amplitudes bound the derivatives, chord and deviation the box."""
+    c = g.curves[row]
+    dim = int(c.dim)
+    grow = 1.0
+    if c.kind != ELLIPSE:
+        grow = math.cosh(max(abs(a), abs(b)))
+    start = np.empty(6)
+    end = np.empty(6)
+    scratch = np.empty((2, 1))  # conics need none
+    curve_point(g, row, a, scratch, start)
+    curve_point(g, row, b, scratch, end)
+    size_a = 0.0
+    size_b = 0.0
+    for k in range(dim):
+        x = g.values[c.points + dim + k]
+        y = g.values[c.points + 2 * dim + k]
+        size_a += x * x
+        size_b += y * y
+        amplitude = math.sqrt(x * x + y * y) * (1.0 if c.kind == ELLIPSE else 1.5 * grow)
+        out[D1_X + k] = amplitude * OUTWARD
+        out[D2_X + k] = amplitude * OUTWARD
+        swing = amplitude * (b - a) * (b - a) / 8.0
+        out[LOW + k] = min(start[k], end[k]) - swing
+        out[HIGH + k] = max(start[k], end[k]) + swing
+    # |A cos + B sin| <= max(|A|, |B|) only for orthogonal A, B: true of conics in the record up to shear.
+    norm = math.sqrt(size_a + size_b)
+    dot = 0.0
+    for k in range(dim):
+        dot += g.values[c.points + dim + k] * g.values[c.points + 2 * dim + k]
+    if c.kind == ELLIPSE:
+        # Largest singular value of the dim x 2 matrix (A B).
+        half = 0.5 * (size_a + size_b)
+        norm = math.sqrt(half + math.sqrt(0.25 * (size_a - size_b) ** 2 + dot * dot))
+    else:
+        norm *= 1.5 * grow
+    out[D1] = norm * OUTWARD
+    out[D2] = norm * OUTWARD
+
+
+@helper
+def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
+    """Write the bounds of curve ``row`` over [a, b] to ``out`` (SIZE,); ``work`` is (3, MAX_DEGREE + 2, 4)."""
+    c = g.curves[row]
+    for k in range(SIZE):
+        out[k] = 0.0
+    if c.kind != NURBS:
+        _conic_bounds(g, row, a, b, out)
+        return
+    net = work[1]
+    dim = curve_net(g, row, a, b, work[0], net)
+    n = int(c.dim)
+    h = b - a
+    p = c.degree
+    radius = np.zeros(3)
+    center = np.zeros(3)
+    w_min = 1.0
+    w1 = 0.0
+    w2 = 0.0
+    r = 0.0
+    for k in range(n):
+        out[LOW + k] = np.inf
+        out[HIGH + k] = -np.inf
+    if c.rational:
+        w_min = net[0, n]
+        for i in range(p + 1):
+            w_min = min(w_min, net[i, n])
+        for k in range(n):
+            center[k] = 0.5 * (net[0, k] / net[0, n] + net[p, k] / net[p, n])
+        for i in range(p):
+            w1 = max(w1, p * abs(net[i + 1, n] - net[i, n]) / h)
+        for i in range(p - 1):
+            w2 = max(w2, p * (p - 1) * abs(net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) / (h * h))
+    for i in range(p + 1):
+        size = 0.0
+        for k in range(n):
+            x = net[i, k] / net[i, n] if c.rational else net[i, k]
+            out[LOW + k] = min(out[LOW + k], x)
+            out[HIGH + k] = max(out[HIGH + k], x)
+            radius[k] = max(radius[k], abs(x - center[k]))
+            size += (x - center[k]) ** 2
+        r = max(r, math.sqrt(size))
+    for i in range(p):
+        size = 0.0
+        for k in range(n):
+            d = net[i + 1, k] - net[i, k]
+            if c.rational:
+                d -= (net[i + 1, n] - net[i, n]) * center[k]
+            d = p * d / h
+            out[D1_X + k] = max(out[D1_X + k], abs(d))
+            size += d * d
+        out[D1] = max(out[D1], math.sqrt(size))
+    for i in range(p - 1):
+        size = 0.0
+        for k in range(n):
+            d = net[i + 2, k] - 2.0 * net[i + 1, k] + net[i, k]
+            if c.rational:
+                d -= (net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) * center[k]
+            d = p * (p - 1) * d / (h * h)
+            out[D2_X + k] = max(out[D2_X + k], abs(d))
+            size += d * d
+        out[D2] = max(out[D2], math.sqrt(size))
+    if c.rational:
+        # Quotient rule, by norm and by component.
+        out[D1] = (out[D1] + r * w1) / w_min
+        out[D2] = (out[D2] + 2.0 * w1 * out[D1] + r * w2) / w_min
+        for k in range(n):
+            out[D1_X + k] = (out[D1_X + k] + radius[k] * w1) / w_min
+            out[D2_X + k] = (out[D2_X + k] + 2.0 * w1 * out[D1_X + k] + radius[k] * w2) / w_min
+    for k in range(LOW):
+        out[k] *= OUTWARD
+
+
+@helper
+def axis_distance(g: Tables, row: int, a: float, b: float, axis: int, work: Floats) -> float:
+    """Largest distance of the curve over [a, b] from the axis of the frame at ``axis`` (offset in values)."""
+    c = g.curves[row]
+    best = 0.0
+    count = 2
+    extra = 0.0
+    net = work[1]
+    n = 3
+    if c.kind == NURBS:
+        curve_net(g, row, a, b, work[0], net)
+        count = c.degree + 1
+    else:
+        bounds = np.empty(SIZE)
+        _conic_bounds(g, row, a, b, bounds)
+        extra = bounds[D2] * (b - a) * (b - a) / 8.0
+        end = np.empty(6)
+        scratch = np.empty((2, 1))
+        for i in range(2):
+            curve_point(g, row, a if i == 0 else b, scratch, end)
+            for k in range(3):
+                net[i, k] = end[k]
+    for i in range(count):
+        d2 = 0.0
+        h = 0.0
+        for k in range(3):
+            x = net[i, k] / net[i, n] if (c.kind == NURBS and c.rational) else net[i, k]
+            d = x - g.values[axis + k]
+            d2 += d * d
+            h += d * g.values[axis + 9 + k]
+        best = max(best, math.sqrt(max(d2 - h * h, 0.0)))
+    return (best + extra) * OUTWARD

@@ -1,0 +1,265 @@
+"""The kd-tree of a surface: where its derivatives are large, cells are small.
+
+A cell knows bounds of the second derivatives over its box, and from them how many columns and rows
+of triangles keep the error::
+
+    (a^2 M_uu / n_u^2 + 2 a b M_uv / (n_u n_v) + b^2 M_vv / n_v^2) / 8 <= error
+
+It is split (at a knot while it covers several Bézier pieces, else in the middle) where two halves
+need fewer triangles than the whole; a leaf carries its regular grid of n_u x n_v. So uniform
+curvature costs one cell and an exact count instead of a power of two, and flat parts cost nothing.
+
+Source: A. Balázs, M. Guthe, R. Klein, "Efficient trimmed NURBS tessellation", WSCG 2004 (kd-tree);
+the count per cell replaces its bisection.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, net_bounds, restrict_net
+from nurbs_ooc.bounds.pieces import Pieces, box_bounds, find_break
+from nurbs_ooc.geometry.surface import NURBS
+from nurbs_ooc.geometry.tables import Tables
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+MAX_DEPTH = 48
+# Columns or rows of one leaf: beyond it the cell is split for locality.
+MAX_GRID = 1 << 12
+# Two halves must save this much to be worth a split.
+WORTH = 0.85
+# Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
+MAX_CELLS = 1 << 20
+
+
+class Cells(NamedTuple):
+    """A kd-tree in arrays; node 0 is the root, children are consecutive."""
+
+    child: Ints  # first child, -1 for a leaf
+    axis: Ints  # 0: split in u, 1: in v
+    cut: Floats
+    box: Floats  # (n, 4) u0, u1, v0, v1
+    second: Floats  # (n, 3) |S_uu|, |S_uv|, |S_vv|
+    grid: Ints  # (n, 2) columns and rows of a leaf
+
+
+@helper
+def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: float) -> tuple[int, int]:
+    """Fewest columns and rows (in product, nearly) whose triangles keep the error."""
+    cu = a * a * muu / (8.0 * error)
+    cv = b * b * mvv / (8.0 * error)
+    cm = 2.0 * a * b * muv / (8.0 * error)
+    nu = max(1.0, math.floor(math.sqrt(min(cu, 1e16))))
+    nv = max(1.0, math.floor(math.sqrt(min(cv, 1e16))))
+    total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
+    if total > 1.0:
+        # Scale both as the optimum of the continuous problem asks, then finish in single steps.
+        grow = math.sqrt(total)
+        if cu > 1.0 and cv > 1.0:
+            nu = max(1.0, math.floor(nu * grow * 0.9))
+            nv = max(1.0, math.floor(nv * grow * 0.9))
+        elif cm > 1.0 and cu <= 1.0 and cv <= 1.0:
+            side = math.sqrt(cm)
+            nu = max(1.0, math.floor(side * math.sqrt(a / b) * 0.5)) if b > 0.0 else 1.0
+            nu = min(nu, side)
+            nv = max(1.0, math.floor(0.9 * cm / nu))
+    steps = 0
+    while steps < 4096:
+        total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
+        if total <= 1.0:
+            break
+        more_u = cu / ((nu + 1) * (nu + 1)) + cv / (nv * nv) + cm / ((nu + 1) * nv)
+        more_v = cu / (nu * nu) + cv / ((nv + 1) * (nv + 1)) + cm / (nu * (nv + 1))
+        # What a step saves against what it costs.
+        if (total - more_u) * nu >= (total - more_v) * nv:
+            nu += max(1.0, math.floor(nu * 0.02))
+        else:
+            nv += max(1.0, math.floor(nv * 0.02))
+        steps += 1
+    return int(min(nu, 1e9)), int(min(nv, 1e9))
+
+
+class CellScratch(NamedTuple):
+    """Scratch of the construction."""
+
+    work: Floats  # (3, MAX_DEGREE + 2, 4) for profile curves
+    bounds: Floats  # (5,)
+    net: Floats  # flat net of one cell
+    line: Floats  # (MAX_DEGREE + 2, 4)
+    sub: Floats  # (4,)
+
+
+@helper
+def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, out: Floats) -> bool:
+    """Second-derivative bounds over a box to ``out`` (3,); True if it lies within one piece."""
+    s = g.surfaces[row]
+    single = True
+    if s.kind == NURBS:
+        i = find_break(p, p.break_u[row], p.n_u[row], box[0])
+        j = find_break(p, p.break_v[row], p.n_v[row], box[2])
+        at_u, at_v = p.break_u[row] + i, p.break_v[row] + j
+        single = box[1] <= p.breaks[at_u + 1] and box[3] <= p.breaks[at_v + 1]
+        if single:
+            piece = p.first[row] + i * p.n_v[row] + j
+            a, b = p.breaks[at_u], p.breaks[at_u + 1]
+            scratch.sub[0] = max((box[0] - a) / (b - a), 0.0)
+            scratch.sub[1] = min((box[1] - a) / (b - a), 1.0)
+            a, b = p.breaks[at_v], p.breaks[at_v + 1]
+            scratch.sub[2] = max((box[2] - a) / (b - a), 0.0)
+            scratch.sub[3] = min((box[3] - a) / (b - a), 1.0)
+            net = p.nets[p.net[piece] : p.net[piece + 1]]
+            dim = 4 if s.rational else 3
+            if scratch.sub[0] > 0.0 or scratch.sub[1] < 1.0 or scratch.sub[2] > 0.0 or scratch.sub[3] < 1.0:
+                restrict_net(net, s.degree_u, s.degree_v, dim, scratch.sub, scratch.net, scratch.line)
+                net_bounds(
+                    scratch.net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], scratch.bounds
+                )
+            else:
+                for k in range(5):
+                    scratch.bounds[k] = p.bounds[piece, k]
+            out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
+            return True
+    box_bounds(g, p, row, box[0], box[1], box[2], box[3], scratch.work, scratch.bounds)
+    out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
+    return single
+
+
+@helper
+def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
+    """Where to split a box: at the knot nearest to its middle if there is one inside, else in the middle."""
+    low, high = (box[0], box[1]) if along_u else (box[2], box[3])
+    middle = 0.5 * (low + high)
+    if g.surfaces[row].kind != NURBS:
+        return middle
+    at = p.break_u[row] if along_u else p.break_v[row]
+    n = p.n_u[row] if along_u else p.n_v[row]
+    i = find_break(p, at, n, middle)
+    below, above = p.breaks[at + i], p.breaks[at + i + 1]
+    best = middle
+    found = False
+    if below > low:
+        best = below
+        found = True
+    if above < high and (not found or above - middle < middle - below):
+        best = above
+    return best
+
+
+@helper
+def _grown(c: Cells, n: int) -> Cells:
+    """``c`` with room for at least n nodes."""
+    if n <= len(c.child):
+        return c
+    size = 2 * n
+    child = np.empty(size, dtype=np.int64)
+    axis = np.empty(size, dtype=np.int64)
+    cut = np.empty(size)
+    box = np.empty((size, 4))
+    second = np.empty((size, 3))
+    grid = np.empty((size, 2), dtype=np.int64)
+    m = len(c.child)
+    child[:m], axis[:m], cut[:m], box[:m], second[:m], grid[:m] = c.child, c.axis, c.cut, c.box, c.second, c.grid
+    return Cells(child, axis, cut, box, second, grid)
+
+
+@helper
+def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
+    """Whether to split along u: the direction of more columns, or, at equal counts, of more knots."""
+    nu, nv = c.grid[node, 0], c.grid[node, 1]
+    if single or g.surfaces[row].kind != NURBS:
+        return nu >= nv
+    b = c.box[node]
+    spans_u = find_break(p, p.break_u[row], p.n_u[row], b[1]) - find_break(p, p.break_u[row], p.n_u[row], b[0])
+    spans_v = find_break(p, p.break_v[row], p.n_v[row], b[3]) - find_break(p, p.break_v[row], p.n_v[row], b[2])
+    if nu == nv:
+        return spans_u >= spans_v
+    return nu > nv
+
+
+@helper
+def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scratch: CellScratch) -> Cells:
+    """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
+    start = 64
+    c = Cells(
+        np.empty(start, dtype=np.int64), np.empty(start, dtype=np.int64), np.empty(start), np.empty((start, 4)),
+        np.empty((start, 3)), np.empty((start, 2), dtype=np.int64),
+    )  # fmt: skip
+    for k in range(4):
+        c.box[0, k] = box[k]
+    n = 1
+    depth = np.zeros(start, dtype=np.int64)
+    inner = np.zeros(start, dtype=np.int64)  # 1: the cell lies within one piece
+    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.second[0]) else 0
+    c.grid[0, 0], c.grid[0, 1] = grid_counts(
+        c.second[0, 0], c.second[0, 1], c.second[0, 2], box[1] - box[0], box[3] - box[2], error
+    )
+    node = 0
+    while node < n:
+        c.child[node] = -1
+        cost = float(c.grid[node, 0]) * float(c.grid[node, 1])
+        if cost > 1.0 and depth[node] < MAX_DEPTH and n < MAX_CELLS:
+            c = _grown(c, n + 2)
+            if n + 2 > len(depth):
+                more = np.zeros((2, 2 * (n + 2)), dtype=np.int64)
+                more[0, : len(depth)] = depth
+                more[1, : len(depth)] = inner
+                depth, inner = more[0], more[1]
+            single = inner[node] > 0
+            along_u = _split_axis(g, p, row, c, node, single)
+            cut = _cut(g, p, row, c.box[node], along_u)
+            both = 0.0
+            for k in range(2):
+                kid = n + k
+                for m in range(4):
+                    c.box[kid, m] = c.box[node, m]
+                if along_u:
+                    c.box[kid, 1 - k] = cut
+                else:
+                    c.box[kid, 3 - k] = cut
+                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.second[kid]) else 0
+                for m in range(3):
+                    c.second[kid, m] = min(c.second[kid, m], c.second[node, m])
+                b = c.box[kid]
+                nu, nv = grid_counts(
+                    c.second[kid, 0], c.second[kid, 1], c.second[kid, 2], b[1] - b[0], b[3] - b[2], error
+                )
+                c.grid[kid, 0], c.grid[kid, 1] = nu, nv
+                both += float(nu) * float(nv)
+                depth[kid] = depth[node] + 1
+            large = c.grid[node, 0] > MAX_GRID or c.grid[node, 1] > MAX_GRID
+            if both <= WORTH * cost or (not single and cost > 4.0) or large:
+                c.child[node] = n
+                c.axis[node] = 0 if along_u else 1
+                c.cut[node] = cut
+                n += 2
+        node += 1
+    return Cells(c.child[:n], c.axis[:n], c.cut[:n], c.box[:n], c.second[:n], c.grid[:n])
+
+
+@helper
+def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, stack: Ints, out: Floats) -> None:
+    """Largest second-derivative bounds of the leaves that meet a parameter box, to ``out`` (3,)."""
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    top = 1
+    stack[0] = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if c.child[node] < 0:
+            for k in range(3):
+                out[k] = max(out[k], c.second[node, k])
+            continue
+        low, high = (u0, u1) if c.axis[node] == 0 else (v0, v1)
+        if low < c.cut[node] or high <= c.cut[node]:
+            stack[top] = c.child[node]
+            top += 1
+        if high > c.cut[node]:
+            stack[top] = c.child[node] + 1
+            top += 1

@@ -1,0 +1,203 @@
+"""One face from its loops to certified triangles: boundary, cells, triangulation, refinement.
+
+Where the face needs more samples on an edge (two polylines cross although their curves do not, or a
+boundary segment alone breaks the bound) it asks for them and is done again with all its neighbours,
+so that shared edges stay shared.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_cache.surface_record import FaceReason, FaceStatus
+from nurbs_ooc.bounds.closed_form import closed_form_bounds
+from nurbs_ooc.bounds.derivatives import LU, LV
+from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.geometry.predicates import LATTICE
+from nurbs_ooc.geometry.surface import PLANE
+from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.cells import Cells, CellScratch, build_cells
+from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
+from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length
+from nurbs_ooc.tessellation.refine import DONE, FULL, Check, Frame, certify, insert_grids
+from nurbs_ooc.tessellation.triangulate import (
+    N_TRIANGLES,
+    Triangulation,
+    flood_inside,
+    insert_constraint,
+    insert_point,
+    new_triangulation,
+)
+from nurbs_ooc.tessellation.trimming import Boundary, gather_boundary, to_lattice
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+HEALED = int(FaceStatus.HEALED)
+DEGRADED = int(FaceStatus.DEGRADED)
+EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
+BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
+BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
+
+# Results of ``tessellate_face``.
+READY, NEEDS_SAMPLES = 0, 1
+# Points of one face; a face that wants more keeps the bound it has reached.
+MAX_POINTS = 1 << 24
+# A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
+GAP_SHARE = 0.5
+MAX_BLAMES = 256
+
+
+@helper
+def _metric(c: Cells) -> tuple[float, float]:
+    """Root mean square density of columns and rows over the cells: points per parameter unit."""
+    area = 0.0
+    su = 0.0
+    sv = 0.0
+    for node in range(len(c.child)):
+        if c.child[node] >= 0:
+            continue
+        a, b = c.box[node, 1] - c.box[node, 0], c.box[node, 3] - c.box[node, 2]
+        area += a * b
+        su += a * b * (c.grid[node, 0] / a) ** 2
+        sv += a * b * (c.grid[node, 1] / b) ** 2
+    return math.sqrt(su / area), math.sqrt(sv / area)
+
+
+@helper
+def _grid_points(c: Cells) -> float:
+    """Grid points of all leaves together."""
+    total = 0.0
+    for node in range(len(c.child)):
+        if c.child[node] < 0:
+            total += (c.grid[node, 0] + 1.0) * (c.grid[node, 1] + 1.0)
+    return total
+
+
+@helper
+def _ask(b: Boundary, owner: Ints, p: int, q: int, wanted: Ints) -> None:
+    """Ask for samples on the edge whose segment joins lattice points p and q, or on both points' edges."""
+    i, j = owner[p], owner[q]
+    if i < 0 or j < 0:
+        return
+    if b.next[i] == j:
+        wanted[b.edge[i]] += 1
+    elif b.next[j] == i:
+        wanted[b.edge[j]] += 1
+    else:
+        wanted[b.edge[i]] += 1
+        wanted[b.edge[j]] += 1
+
+
+@helper
+def _constrain(
+    t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: Ints
+) -> tuple[int, float]:
+    """Insert all loop segments; how many crossed others, and the longest of those, mm."""
+    pairs = np.empty((len(t.tri), 2), dtype=np.int32)
+    crossed = np.empty(2, dtype=np.int64)
+    lost = 0
+    longest = 0.0
+    for i in range(len(point)):
+        p, q = point[i], point[b.next[i]]
+        if p != q and not insert_constraint(t, p, q, pairs, crossed):
+            lost += 1
+            longest = max(longest, segment_length(b, i))
+            wanted[b.edge[i]] += 1
+            _ask(b, owner, crossed[0], crossed[1], wanted)
+    return lost, longest
+
+
+@helper
+def _triangulate_loops(t: Triangulation, b: Boundary, f: Frame, point: Ints, owner: Ints) -> None:
+    """Insert the boundary points; ``point`` maps boundary to lattice points, ``owner`` the first back."""
+    for i in range(len(point)):
+        px = to_lattice(b.uv[i, 0], b.box[0], b.box[1])
+        py = to_lattice(b.uv[i, 1], b.box[2], b.box[3])
+        point[i] = insert_point(t, px, py)
+        if owner[point[i]] < 0:
+            owner[point[i]] = i
+
+
+@helper
+def _any_inside(t: Triangulation) -> bool:
+    for k in range(t.n[N_TRIANGLES]):
+        if t.inside[k] != 0:
+            return True
+    return False
+
+
+@helper
+def tessellate_face(
+    g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, cell_scratch: CellScratch,
+    check: Check, wanted: Ints,
+) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
+    """Triangulate surface ``row`` within ``error`` mm.
+
+    With ``final`` False the face may ask for edge samples: it adds to ``wanted`` (by edge) and returns
+    NEEDS_SAMPLES. Otherwise READY, with the boundary, the triangulation, the map of boundary to
+    lattice points, the lattice frame, the largest triangle bound (mm), an extra trim error (mm), and
+    status and reason of what had to be done.
+    """
+    b = gather_boundary(g, samples, row)
+    n = len(b.next)
+    point = np.full(n, -1, dtype=np.int64)
+    empty = b.box[1] <= b.box[0] or b.box[3] <= b.box[2] or n < 3
+    size_u, size_v = b.box[1] - b.box[0], b.box[3] - b.box[2]
+    f = Frame(b.box[0], b.box[2], size_u / LATTICE, size_v / LATTICE)
+    target = max(error - b.trim - b.gap, error * (1.0 - GAP_SHARE)) * AIM
+    flat = g.surfaces[row].kind == PLANE
+    if empty:
+        if not final:
+            for i in range(n):
+                wanted[b.edge[i]] += 1
+            return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
+        return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+    cell_error = 1e300 if flat else target
+    c = build_cells(g, p, row, b.box, cell_error, cell_scratch)
+    if flat:
+        closed_form_bounds(g, row, b.box[0], b.box[1], b.box[2], b.box[3], check.work, check.bounds)
+        du, dv = check.bounds[LU], check.bounds[LV]
+    else:
+        du, dv = _metric(c)
+    room = int(min(n + 2.0 * _grid_points(c) + 3.0 * n + 64.0, float(MAX_POINTS)))
+    while True:
+        t = new_triangulation(room, du * f.du * LATTICE, dv * f.dv * LATTICE)
+        owner = np.full(len(t.x), -1, dtype=np.int64)
+        status, reason, extra = 0, 0, 0.0
+        _triangulate_loops(t, b, f, point, owner)
+        lost, longest = _constrain(t, b, point, owner, wanted)
+        if lost > 0 and not final:
+            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+        if lost > 0:
+            mask_inside(t, b, point)
+            status, reason, extra = DEGRADED, EVEN_ODD_MASK, longest
+        else:
+            flood_inside(t)
+        if not _any_inside(t):
+            if not final:
+                for i in range(n):
+                    wanted[b.edge[i]] += 1
+                return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+            return READY, b, t, point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+        if flat:
+            return READY, b, t, point, f, 0.0, extra, status, reason
+        blame = np.zeros(2 * MAX_BLAMES + 1, dtype=np.int64)
+        code = insert_grids(t, c, f)
+        worst = 0.0
+        if code == DONE:
+            code, worst = certify(g, p, row, c, f, t, target, check, blame)
+        if code == FULL and room < MAX_POINTS:
+            room = min(2 * room, MAX_POINTS)
+            continue
+        if code == FULL:
+            status, reason = DEGRADED, BUDGET_EXHAUSTED
+        elif code != DONE and not final:
+            for m in range(blame[0]):
+                _ask(b, owner, blame[2 * m + 1], blame[2 * m + 2], wanted)
+            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+        return READY, b, t, point, f, worst, extra, status, reason

@@ -1,0 +1,56 @@
+"""What is drawn of a face whose loops cross one another: the part that the even-odd rule gives.
+
+A constraint that crosses another cannot become an edge. Each triangle is then judged by its centre:
+inside if a ray to the left meets the loops an odd number of times. The face's outline is ragged by
+up to the size of the triangles along the lost constraint, and its error says so.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_ooc.tessellation.triangulate import N_OUTER, N_TRIANGLES, Triangulation
+from nurbs_ooc.tessellation.trimming import Boundary
+
+Ints = npt.NDArray[np.int64]
+
+
+@helper
+def mask_inside(t: Triangulation, b: Boundary, point: Ints) -> None:
+    """Set ``inside`` of every triangle by its centre and the loops ``b``; ``point`` maps them to lattice points."""
+    for k in range(t.n[N_TRIANGLES]):
+        if t.tri[k, 0] < N_OUTER or t.tri[k, 1] < N_OUTER or t.tri[k, 2] < N_OUTER:
+            t.inside[k] = 0
+            continue
+        x = (t.x[t.tri[k, 0]] + t.x[t.tri[k, 1]] + t.x[t.tri[k, 2]]) / 3.0
+        y = (t.y[t.tri[k, 0]] + t.y[t.tri[k, 1]] + t.y[t.tri[k, 2]]) / 3.0
+        odd = 0
+        for i in range(len(b.next)):
+            p, q = point[i], point[b.next[i]]
+            yp, yq = float(t.y[p]), float(t.y[q])
+            if (yp > y) != (yq > y) and x > t.x[p] + (y - yp) / (yq - yp) * (t.x[q] - t.x[p]):
+                odd ^= 1
+        t.inside[k] = odd
+
+
+@helper
+def segment_length(b: Boundary, i: int) -> float:
+    """Length in space of the boundary segment that starts at point i, mm."""
+    total = 0.0
+    for k in range(3):
+        total += (b.position[b.next[i], k] - b.position[i, k]) ** 2
+    return math.sqrt(total)
+
+
+@helper
+def box_diagonal(b: Boundary) -> float:
+    """Diagonal of the box of all boundary points, mm."""
+    total = 0.0
+    for k in range(3):
+        if len(b.position):
+            total += (b.position[:, k].max() - b.position[:, k].min()) ** 2
+    return math.sqrt(total)

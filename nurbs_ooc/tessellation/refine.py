@@ -1,0 +1,219 @@
+"""Inner points of a face: the grids of its cells, then points where a triangle breaks its bound.
+
+A triangle whose parameter box is a x b deviates by at most (a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8
+from the surface, M taken over that box, plus what creases inside the box add. Triangles are checked
+one by one; one that fails gets a point on its longest free edge, or, where its boundary edge is the
+longest, a point between that edge and the opposite corner. Boundary edges are never split here: they
+belong to two faces.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_ooc.bounds.closed_form import closed_form_bounds
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
+from nurbs_ooc.bounds.pieces import Pieces, crease_charge
+from nurbs_ooc.geometry.surface import NURBS, PLANE
+from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.cells import Cells, cell_bounds
+from nurbs_ooc.tessellation.triangulate import (
+    LAST,
+    N_OUTER,
+    N_POINTS,
+    N_TRIANGLES,
+    Triangulation,
+    locate,
+    split,
+)
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# Grid points closer than this part of their spacing to a point or a boundary edge are left out.
+CLEARANCE = 0.45
+DONE, FULL, LONG_EDGE = 0, 1, 2
+
+
+class Frame(NamedTuple):
+    """Lattice to parameters: u = u0 + x * du."""
+
+    u0: float
+    v0: float
+    du: float
+    dv: float
+
+
+class Check(NamedTuple):
+    """Scratch of the bound of a triangle."""
+
+    work: Floats
+    bounds: Floats
+    second: Floats
+    stack: Ints
+
+
+@helper
+def _too_close(t: Triangulation, k: int, p: int, hx: float, hy: float) -> bool:
+    """Whether point p is too near to a corner or a boundary edge of its triangle, in units of the grid."""
+    for i in range(3):
+        c = t.tri[k, i]
+        dx, dy = (t.x[c] - t.x[p]) / hx, (t.y[c] - t.y[p]) / hy
+        if dx * dx + dy * dy < CLEARANCE * CLEARANCE:
+            return True
+        if t.fixed[k, i] > 0:
+            a, b = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+            ex, ey = (t.x[b] - t.x[a]) / hx, (t.y[b] - t.y[a]) / hy
+            wx, wy = (t.x[p] - t.x[a]) / hx, (t.y[p] - t.y[a]) / hy
+            cross = ex * wy - ey * wx
+            if cross * cross < CLEARANCE * CLEARANCE * (ex * ex + ey * ey):
+                return True
+    return False
+
+
+@helper
+def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
+    """Insert a grid point if it lies inside and clear of what is there; FULL if there is no room."""
+    p = t.n[N_POINTS]
+    if p >= len(t.x):
+        return FULL
+    t.x[p], t.y[p] = px, py
+    k, on = locate(t, p)
+    if t.inside[k] == 0 or on >= 4 or (on < 3 and t.fixed[k, on] > 0) or _too_close(t, k, p, hx, hy):
+        return DONE
+    t.n[N_POINTS] = p + 1
+    split(t, k, on, p)
+    return DONE
+
+
+@helper
+def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
+    """Offer the grid points of all leaves that do not lie on the root's border."""
+    root = c.box[0]
+    for node in range(len(c.child)):
+        if c.child[node] >= 0:
+            continue
+        nu, nv = c.grid[node, 0], c.grid[node, 1]
+        u0, u1, v0, v1 = c.box[node]
+        hx, hy = (u1 - u0) / nu / f.du, (v1 - v0) / nv / f.dv
+        i_low, i_high = (1 if u0 <= root[0] else 0), (nu - 1 if u1 >= root[1] else nu)
+        j_low, j_high = (1 if v0 <= root[2] else 0), (nv - 1 if v1 >= root[3] else nv)
+        for i in range(i_low, i_high + 1):
+            px = int((u0 + (u1 - u0) * i / nu - f.u0) / f.du + 0.5)
+            for m in range(j_low, j_high + 1):
+                # To and fro, so that the walk to the next point stays short.
+                j = m if i % 2 == 0 else j_high + j_low - m
+                py = int((v0 + (v1 - v0) * j / nv - f.v0) / f.dv + 0.5)
+                if _offer(t, px, py, hx, hy) == FULL:
+                    return FULL
+    return DONE
+
+
+@helper
+def _bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check
+) -> float:
+    """Deviation bound of triangle k, mm; its second-derivative bounds stay in ``check.second``."""
+    a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+    u0 = f.u0 + f.du * min(t.x[a], t.x[b], t.x[d])
+    u1 = f.u0 + f.du * max(t.x[a], t.x[b], t.x[d])
+    v0 = f.v0 + f.dv * min(t.y[a], t.y[b], t.y[d])
+    v1 = f.v0 + f.dv * max(t.y[a], t.y[b], t.y[d])
+    m = check.second
+    charge = 0.0
+    if g.surfaces[row].kind == NURBS:
+        cell_bounds(c, u0, u1, v0, v1, check.stack, m)
+        charge = crease_charge(p, row, u0, u1, v0, v1)
+    else:
+        closed_form_bounds(g, row, u0, u1, v0, v1, check.work, check.bounds)
+        m[0], m[1], m[2] = check.bounds[MUU], check.bounds[MUV], check.bounds[MVV]
+    # One lattice step more: the corners were rounded to the lattice.
+    x, y = u1 - u0 + f.du, v1 - v0 + f.dv
+    return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0 + charge
+
+
+@helper
+def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
+    """The bound of the edge a-b alone, under the second derivatives ``m``."""
+    x, y = abs(t.x[a] - t.x[b]) * f.du, abs(t.y[a] - t.y[b]) * f.dv
+    return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
+
+
+@helper
+def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blame: Ints) -> int:
+    """Insert a point that shrinks triangle k; LONG_EDGE, and the edge blamed, if its boundary edge is too long."""
+    longest_free = -1.0
+    longest_fixed = -1.0
+    free = -1
+    fixed = -1
+    for i in range(3):
+        q = _length(t, f, m, t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3])
+        if t.fixed[k, i] > 0:
+            if q > longest_fixed:
+                longest_fixed, fixed = q, i
+        elif q > longest_free:
+            longest_free, free = q, i
+    if longest_fixed > target:
+        if 2 * blame[0] + 2 < len(blame):
+            blame[2 * blame[0] + 1], blame[2 * blame[0] + 2] = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3]
+            blame[0] += 1
+        return LONG_EDGE
+    p = t.n[N_POINTS]
+    if p >= len(t.x):
+        return FULL
+    if free >= 0 and longest_free >= longest_fixed:
+        a, b = t.tri[k, (free + 1) % 3], t.tri[k, (free + 2) % 3]
+        t.x[p], t.y[p] = (t.x[a] + t.x[b]) // 2, (t.y[a] + t.y[b]) // 2
+    else:
+        a, b, c = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3], t.tri[k, fixed]
+        t.x[p] = (t.x[a] + t.x[b]) // 4 + t.x[c] // 2
+        t.y[p] = (t.y[a] + t.y[b]) // 4 + t.y[c] // 2
+    t.n[LAST] = k
+    where, on = locate(t, p)
+    if t.inside[where] == 0 or on >= 4 or (on < 3 and t.fixed[where, on] > 0):
+        # The lattice is exhausted here; the triangle stays with the bound it has.
+        return DONE
+    t.n[N_POINTS] = p + 1
+    split(t, where, on, p)
+    return DONE
+
+
+@helper
+def certify(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check, blame: Ints
+) -> tuple[int, float]:
+    """Refine until every inner triangle's bound is within ``target`` (mm).
+
+    Returns a code (DONE; FULL: the arrays are too small; LONG_EDGE: boundary edges are too long for
+    this surface; ``blame`` gives their number, then the two points of each) and the largest bound of any triangle.
+    """
+    worst = 0.0
+    again = True
+    code = DONE
+    while again:
+        again = False
+        k = 0
+        while k < t.n[N_TRIANGLES]:
+            if t.inside[k] == 0 or t.checked[k] != 0:
+                k += 1
+                continue
+            t.checked[k] = 1
+            bound = _bound(g, p, row, c, f, t, k, check)
+            if bound > target:
+                before = t.n[N_POINTS]
+                step = _break_up(t, f, k, check.second, target, blame)
+                if step == FULL:
+                    return FULL, worst
+                if step == LONG_EDGE:
+                    code = LONG_EDGE
+                again = again or t.n[N_POINTS] > before
+            k += 1
+    for k in range(t.n[N_TRIANGLES]):
+        if t.inside[k] != 0:
+            worst = max(worst, _bound(g, p, row, c, f, t, k, check))
+    return code, worst

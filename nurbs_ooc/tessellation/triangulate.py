@@ -1,0 +1,462 @@
+"""Constrained Delaunay triangulation on an integer lattice.
+
+Points are inserted one by one (walk, split, flip), constraints by flipping the edges they cross;
+every topological decision is an exact orientation test. Triangles are counter-clockwise; index i of
+``adjacent`` and ``fixed`` belongs to the edge opposite corner i::
+
+            c
+           / \\        tri = (a, b, c)
+      e1  /   \\  e0   adjacent[0] across e0 = b-c, and so on
+         /     \\
+        a ----- b
+            e2
+
+A box of four outer points encloses everything, so real points always have a closed fan. ``fixed``
+counts how often an edge was asked for: crossing an edge of odd count changes inside to outside.
+
+Source: C. L. Lawson, "Software for C1 surface interpolation", 1977 (flipping); S. W. Sloan, "A fast
+algorithm for generating constrained Delaunay triangulations", Computers & Structures 47, 1993.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper
+from nurbs_ooc.geometry.predicates import LATTICE, in_circle, orient
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Ids = npt.NDArray[np.int32]
+Bytes = npt.NDArray[np.uint8]
+
+N_OUTER = 4
+# Entries of ``Triangulation.n``.
+N_POINTS, N_TRIANGLES, LAST = 0, 1, 2
+
+
+class Triangulation(NamedTuple):
+    """A growing triangulation in arrays of fixed capacity."""
+
+    x: Ints  # (points,) lattice
+    y: Ints
+    star: Ids  # (points,) one triangle at the point
+    tri: Ids  # (triangles, 3)
+    adjacent: Ids  # (triangles, 3), -1 outside
+    fixed: Bytes  # (triangles, 3) how often the edge is a constraint
+    inside: Bytes  # (triangles,)
+    checked: Bytes  # (triangles,) 0 since the triangle last changed
+    stack: Ids  # scratch
+    n: Ints  # points, triangles, last triangle touched
+    scale: Floats  # (2,) metric of the in-circle test
+
+
+@helper
+def new_triangulation(capacity: int, sx: float, sy: float) -> Triangulation:
+    """An empty one for up to ``capacity`` points: the outer box, cut into two triangles."""
+    points = capacity + N_OUTER
+    triangles = 2 * points + 2
+    t = Triangulation(
+        np.empty(points, dtype=np.int64),
+        np.empty(points, dtype=np.int64),
+        np.empty(points, dtype=np.int32),
+        np.empty((triangles, 3), dtype=np.int32),
+        np.empty((triangles, 3), dtype=np.int32),
+        np.zeros((triangles, 3), dtype=np.uint8),
+        np.zeros(triangles, dtype=np.uint8),
+        np.zeros(triangles, dtype=np.uint8),
+        np.empty(triangles + 64, dtype=np.int32),
+        np.zeros(3, dtype=np.int64),
+        np.empty(2),
+    )
+    margin = LATTICE // 4
+    low, high = -margin, LATTICE + margin
+    t.x[0], t.y[0] = low, low
+    t.x[1], t.y[1] = high, low
+    t.x[2], t.y[2] = high, high
+    t.x[3], t.y[3] = low, high
+    for k in range(4):
+        t.star[k] = 0
+    t.star[3] = 1
+    t.tri[0, 0], t.tri[0, 1], t.tri[0, 2] = 0, 1, 2
+    t.tri[1, 0], t.tri[1, 1], t.tri[1, 2] = 0, 2, 3
+    t.adjacent[0, 0], t.adjacent[0, 1], t.adjacent[0, 2] = -1, 1, -1
+    t.adjacent[1, 0], t.adjacent[1, 1], t.adjacent[1, 2] = -1, -1, 0
+    t.n[N_POINTS] = N_OUTER
+    t.n[N_TRIANGLES] = 2
+    t.scale[0], t.scale[1] = sx, sy
+    return t
+
+
+@helper
+def _corner(t: Triangulation, triangle: int, point: int) -> int:
+    """Which corner of ``triangle`` is ``point``."""
+    if t.tri[triangle, 0] == point:
+        return 0
+    return 1 if t.tri[triangle, 1] == point else 2
+
+
+@helper
+def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
+    """Which edge of ``triangle`` leads to ``neighbour``."""
+    if t.adjacent[triangle, 0] == neighbour:
+        return 0
+    return 1 if t.adjacent[triangle, 1] == neighbour else 2
+
+
+@helper
+def _set(t: Triangulation, k: int, a: int, b: int, c: int, n0: int, n1: int, n2: int, f0: int, f1: int, f2: int) -> None:
+    """Overwrite triangle ``k`` and let its corners know it."""
+    t.tri[k, 0], t.tri[k, 1], t.tri[k, 2] = a, b, c
+    t.adjacent[k, 0], t.adjacent[k, 1], t.adjacent[k, 2] = n0, n1, n2
+    t.fixed[k, 0], t.fixed[k, 1], t.fixed[k, 2] = f0, f1, f2
+    t.checked[k] = 0
+    t.star[a], t.star[b], t.star[c] = k, k, k
+
+
+@helper
+def _relink(t: Triangulation, triangle: int, old: int, new: int) -> None:
+    """The neighbour ``old`` of ``triangle`` is now ``new``."""
+    if triangle >= 0:
+        t.adjacent[triangle, _side(t, triangle, old)] = new
+
+
+@helper
+def flip(t: Triangulation, k: int, i: int) -> None:
+    """Turn the diagonal opposite corner i of ``k``: (p, a, b) and (d, b, a) become (p, a, d) and (p, d, b)."""
+    o = t.adjacent[k, i]
+    j = _side(t, o, k)
+    p, a, b, d = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[o, j]
+    n_bp, n_pa = t.adjacent[k, (i + 1) % 3], t.adjacent[k, (i + 2) % 3]
+    f_bp, f_pa = t.fixed[k, (i + 1) % 3], t.fixed[k, (i + 2) % 3]
+    n_ad, n_db = t.adjacent[o, (j + 1) % 3], t.adjacent[o, (j + 2) % 3]
+    f_ad, f_db = t.fixed[o, (j + 1) % 3], t.fixed[o, (j + 2) % 3]
+    _set(t, k, p, a, d, n_ad, o, n_pa, f_ad, 0, f_pa)
+    _set(t, o, p, d, b, n_db, n_bp, k, f_db, f_bp, 0)
+    _relink(t, n_ad, o, k)
+    _relink(t, n_bp, k, o)
+
+
+@helper
+def _legalise(t: Triangulation, top: int) -> None:
+    """Flip edges opposite the new point (corner 0 of the ``top`` stacked triangles) until all are Delaunay."""
+    x, y = t.x, t.y
+    while top > 0:
+        top -= 1
+        k = t.stack[top]
+        o = t.adjacent[k, 0]
+        if o < 0 or t.fixed[k, 0] > 0:
+            continue
+        d = t.tri[o, _side(t, o, k)]
+        p, a, b = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+        if (
+            in_circle(x, y, t.scale[0], t.scale[1], p, a, b, d)
+            and orient(x, y, p, a, d) > 0
+            and orient(x, y, p, d, b) > 0
+        ):
+            flip(t, k, 0)
+            if top + 2 < len(t.stack):
+                t.stack[top] = k
+                t.stack[top + 1] = o
+                top += 2
+
+
+@helper
+def locate(t: Triangulation, p: int) -> tuple[int, int]:
+    """Walk to the triangle that holds lattice point ``p`` (coordinates at row p of x, y).
+
+    Returns the triangle and 3 if p is inside, i if it lies on edge i, 4 + i if it is corner i.
+    """
+    x, y = t.x, t.y
+    k = t.n[LAST]
+    turn = 0
+    steps = 0
+    limit = 2 * t.n[N_TRIANGLES] + 16
+    while True:
+        moved = False
+        on = 3
+        for m in range(3):
+            i = (turn + m) % 3
+            side = orient(x, y, t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], p)
+            if side < 0:
+                k = t.adjacent[k, i]
+                moved = True
+                break
+            if side == 0:
+                on = i if on == 3 else 4 + (3 - on - i)
+        if not moved:
+            break
+        # Turning the order of the edges keeps the walk from circling in triangulations that are not Delaunay.
+        turn = (turn + 1) % 3
+        steps += 1
+        if steps > limit:
+            k = _search(t, p)
+            steps = -(1 << 30)
+    t.n[LAST] = k
+    return k, on
+
+
+@helper
+def _search(t: Triangulation, p: int) -> int:
+    """The triangle that holds p, by looking at all."""
+    for k in range(t.n[N_TRIANGLES]):
+        a, b, c = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+        if orient(t.x, t.y, a, b, p) >= 0 and orient(t.x, t.y, b, c, p) >= 0 and orient(t.x, t.y, c, a, p) >= 0:
+            return k
+    return 0
+
+
+@helper
+def split(t: Triangulation, k: int, on: int, p: int) -> None:
+    """Insert point ``p`` into triangle k (``on`` = 3) or on its edge ``on``, then restore Delaunay."""
+    m = t.n[N_TRIANGLES]
+    if on == 3:
+        a, b, c = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+        n0, n1, n2 = t.adjacent[k, 0], t.adjacent[k, 1], t.adjacent[k, 2]
+        f0, f1, f2 = t.fixed[k, 0], t.fixed[k, 1], t.fixed[k, 2]
+        _set(t, k, p, b, c, n0, m, m + 1, f0, 0, 0)
+        _set(t, m, p, c, a, n1, m + 1, k, f1, 0, 0)
+        _set(t, m + 1, p, a, b, n2, k, m, f2, 0, 0)
+        t.inside[m] = t.inside[k]
+        t.inside[m + 1] = t.inside[k]
+        _relink(t, n1, k, m)
+        _relink(t, n2, k, m + 1)
+        t.n[N_TRIANGLES] = m + 2
+        t.stack[0], t.stack[1], t.stack[2] = k, m, m + 1
+        _legalise(t, 3)
+        return
+    i = on
+    o = t.adjacent[k, i]
+    j = _side(t, o, k)
+    a, b, c, d = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[o, j]
+    f = t.fixed[k, i]
+    n_ca, n_ab = t.adjacent[k, (i + 1) % 3], t.adjacent[k, (i + 2) % 3]
+    f_ca, f_ab = t.fixed[k, (i + 1) % 3], t.fixed[k, (i + 2) % 3]
+    # Seen from o the edge runs c, b: o = (d, c, b).
+    n_bd, n_dc = t.adjacent[o, (j + 1) % 3], t.adjacent[o, (j + 2) % 3]
+    f_bd, f_dc = t.fixed[o, (j + 1) % 3], t.fixed[o, (j + 2) % 3]
+    _set(t, k, p, a, b, n_ab, o, m, f_ab, f, 0)
+    _set(t, m, p, c, a, n_ca, k, m + 1, f_ca, 0, f)
+    _set(t, o, p, b, d, n_bd, m + 1, k, f_bd, 0, f)
+    _set(t, m + 1, p, d, c, n_dc, m, o, f_dc, f, 0)
+    t.inside[m] = t.inside[k]
+    t.inside[m + 1] = t.inside[o]
+    _relink(t, n_ca, k, m)
+    _relink(t, n_dc, o, m + 1)
+    t.n[N_TRIANGLES] = m + 2
+    t.stack[0], t.stack[1], t.stack[2], t.stack[3] = k, m, o, m + 1
+    _legalise(t, 4)
+
+
+@helper
+def insert_point(t: Triangulation, px: int, py: int) -> int:
+    """Insert a lattice point; the number of the point there, old or new."""
+    p = t.n[N_POINTS]
+    t.x[p], t.y[p] = px, py
+    k, on = locate(t, p)
+    if on >= 4:
+        return t.tri[k, on - 4]
+    t.n[N_POINTS] = p + 1
+    split(t, k, on, p)
+    return p
+
+
+@helper
+def find_edge(t: Triangulation, a: int, b: int) -> tuple[int, int]:
+    """Triangle and index of the edge a-b, turning about a; (-1, 0) if there is none."""
+    start = t.star[a]
+    k = start
+    while True:
+        i = _corner(t, k, a)
+        if t.tri[k, (i + 1) % 3] == b:
+            return k, (i + 2) % 3
+        if t.tri[k, (i + 2) % 3] == b:
+            return k, (i + 1) % 3
+        k = t.adjacent[k, (i + 1) % 3]
+        if k == start or k < 0:
+            return -1, 0
+
+
+@helper
+def _mark(t: Triangulation, k: int, i: int) -> None:
+    """Count one more constraint along edge i of k, on both sides."""
+    o = t.adjacent[k, i]
+    t.fixed[k, i] += 1
+    if o >= 0:
+        t.fixed[o, _side(t, o, k)] += 1
+
+
+@helper
+def _first_crossing(t: Triangulation, a: int, b: int) -> tuple[int, int, int]:
+    """The triangle at a through which a-b leaves: (triangle, corner of a, -1), or (-1, 0, point) on the way."""
+    x, y = t.x, t.y
+    start = t.star[a]
+    k = start
+    while True:
+        i = _corner(t, k, a)
+        r, left = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        if r == b or left == b:
+            return -1, 0, b
+        right_of = orient(x, y, a, r, b)
+        left_of = orient(x, y, a, b, left)
+        if right_of == 0 and (x[r] - x[a]) * (x[b] - x[a]) + (y[r] - y[a]) * (y[b] - y[a]) > 0:
+            return -1, 0, r
+        if right_of > 0 and left_of > 0:
+            return k, i, -1
+        k = t.adjacent[k, (i + 1) % 3]
+        if k == start or k < 0:
+            return -1, 0, -1
+
+
+@helper
+def _collect(t: Triangulation, a: int, b: int, k: int, i: int, pairs: Ids) -> tuple[int, int, int]:
+    """List the edges that a-b crosses, starting opposite corner i of k.
+
+    Returns how many, the point where the crossing ends (b, or a point exactly on the way), and the
+    number of the first crossed edge that is fixed itself (-1 if none).
+    """
+    n = 0
+    blocked = -1
+    r, left = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+    while True:
+        if n >= len(pairs):
+            return n, -1, blocked
+        pairs[n, 0], pairs[n, 1] = left, r
+        if t.fixed[k, i] > 0 and blocked < 0:
+            blocked = n
+        n += 1
+        o = t.adjacent[k, i]
+        j = _side(t, o, k)
+        d = t.tri[o, j]
+        side = orient(t.x, t.y, a, b, d)
+        if d == b or side == 0:
+            return n, d, blocked
+        k = o
+        # The next crossed edge joins d to the corner on the other side of a-b.
+        if side > 0:
+            i = _corner(t, o, left)
+            left = d
+        else:
+            i = _corner(t, o, r)
+            r = d
+
+
+@helper
+def _flip_through(t: Triangulation, a: int, b: int, pairs: Ids, n: int) -> bool:
+    """Flip the crossed edges until a-b is an edge; False if that does not end."""
+    x, y = t.x, t.y
+    capacity = len(pairs)
+    head = 0
+    waiting = n
+    made = 0
+    tries = 0
+    fresh = np.empty((capacity, 2), dtype=np.int32)
+    while waiting > 0:
+        tries += 1
+        if tries > 16 * n * n + 64 * n + 256:
+            return False
+        left, r = pairs[head, 0], pairs[head, 1]
+        head = (head + 1) % capacity
+        waiting -= 1
+        k, i = find_edge(t, left, r)
+        if k < 0:
+            continue
+        p, q, s = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        o = t.adjacent[k, i]
+        d = t.tri[o, _side(t, o, k)]
+        tail = (head + waiting) % capacity
+        if orient(x, y, p, q, d) <= 0 or orient(x, y, p, d, s) <= 0:
+            pairs[tail, 0], pairs[tail, 1] = left, r
+            waiting += 1
+            continue
+        flip(t, k, i)
+        ends = p == a or p == b or d == a or d == b
+        side_p, side_d = orient(x, y, a, b, p), orient(x, y, a, b, d)
+        if not ends and ((side_p > 0 and side_d < 0) or (side_p < 0 and side_d > 0)):
+            pairs[tail, 0], pairs[tail, 1] = p, d
+            waiting += 1
+        elif made < capacity:
+            fresh[made, 0], fresh[made, 1] = p, d
+            made += 1
+    # Give the new edges back the Delaunay property, except the constraint itself.
+    for _ in range(4):
+        flipped = False
+        for m in range(made):
+            p, d = fresh[m, 0], fresh[m, 1]
+            if (p == a and d == b) or (p == b and d == a):
+                continue
+            k, i = find_edge(t, p, d)
+            if k < 0 or t.fixed[k, i] > 0:
+                continue
+            o = t.adjacent[k, i]
+            e = t.tri[o, _side(t, o, k)]
+            f, q, s = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+            if (
+                in_circle(x, y, t.scale[0], t.scale[1], f, q, s, e)
+                and orient(x, y, f, q, e) > 0
+                and orient(x, y, f, e, s) > 0
+            ):
+                flip(t, k, i)
+                fresh[m, 0], fresh[m, 1] = f, e
+                flipped = True
+        if not flipped:
+            break
+    return True
+
+
+@helper
+def insert_constraint(t: Triangulation, a: int, b: int, pairs: Ids, crossed: Ints) -> bool:
+    """Make a-b an edge (or a chain of edges through points exactly on it) and count it as fixed.
+
+    ``pairs`` is scratch (capacity of triangles, 2). On False the segment crosses a fixed edge, whose
+    ends are in ``crossed``; nothing beyond what was passed is marked.
+    """
+    while a != b:
+        k, i, point = _first_crossing(t, a, b)
+        if k < 0:
+            if point < 0:
+                crossed[0], crossed[1] = a, b
+                return False
+            k, i = find_edge(t, a, point)
+            _mark(t, k, i)
+            a = point
+            continue
+        n, end, blocked = _collect(t, a, b, k, i, pairs)
+        if blocked >= 0 or end < 0:
+            at = max(blocked, 0)
+            crossed[0], crossed[1] = pairs[at, 0], pairs[at, 1]
+            return False
+        if not _flip_through(t, a, end, pairs, n):
+            crossed[0], crossed[1] = a, b
+            return False
+        k, i = find_edge(t, a, end)
+        if k < 0:
+            crossed[0], crossed[1] = a, b
+            return False
+        _mark(t, k, i)
+        a = end
+    return True
+
+
+@helper
+def flood_inside(t: Triangulation) -> None:
+    """Set ``inside`` by the even-odd rule, walking in from the outer box."""
+    n = t.n[N_TRIANGLES]
+    seen = np.zeros(n, dtype=np.uint8)
+    top = 1
+    t.stack[0] = t.star[0]
+    seen[t.star[0]] = 1
+    t.inside[t.star[0]] = 0
+    while top > 0:
+        top -= 1
+        k = t.stack[top]
+        for i in range(3):
+            o = t.adjacent[k, i]
+            if o >= 0 and seen[o] == 0:
+                seen[o] = 1
+                t.inside[o] = (t.inside[k] + t.fixed[k, i]) % 2
+                t.stack[top] = o
+                top += 1
