@@ -66,8 +66,9 @@ def test_wheel_holds_the_four_packages(repository: Path, wheel: Path) -> None:
         for path in source.rglob("*.py"):
             assert f"{package}/{path.relative_to(source).as_posix()}" in names
         assert f"{package}/py.typed" in names
-    assert {name.split("/")[0] for name in names} - {*PACKAGES} == {"nurbs_ooc-0.1.0.dist-info"}
-    assert "nurbs_ooc/examples/trackball_assembly.step.gz" in names
+    assert {name.split("/")[0] for name in names} - {*PACKAGES} == {"nurbs_ooc-0.1.0.dist-info", "nurbs_ooc-0.1.0.data"}
+    example = "nurbs_ooc-0.1.0.data/data/share/nurbs-ooc/examples/trackball_assembly.step.gz"
+    assert example in names
     licences = {name.rsplit("/", 1)[1] for name in names if "/licenses/" in name}
     assert licences == {"LICENSE", "NOTICE"}
 
@@ -84,3 +85,10 @@ def test_packages_come_from_the_wheel(environment: Path, tmp_path: Path) -> None
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, env={})
     for name in json.loads(result.stdout):
         assert Path(name).is_relative_to(environment.parent)
+
+
+def test_example_is_found_when_installed(environment: Path, tmp_path: Path) -> None:
+    code = "from nurbs_ooc.cli.example import ASSEMBLY, example_path; print(example_path(ASSEMBLY))"
+    command = [str(environment / "python"), "-c", code]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, env={})
+    assert Path(result.stdout.strip()).is_relative_to(environment.parent)

@@ -1,7 +1,8 @@
-"""Where the shipped example lies: inside an installed package, or in the checkout it runs from."""
+"""Where the shipped example lies: beside the packages in a checkout, in ``share/`` where a wheel is installed."""
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import nurbs_ooc
@@ -17,8 +18,17 @@ def example_path(name: str) -> Path:
     Raises:
         InputFileError: it was not shipped.
     """
-    package = Path(nurbs_ooc.__file__).parent
-    for folder in (package / "examples", package.parent / "examples"):
-        if (folder / name).is_file():
-            return folder / name
-    raise InputFileError(f"{name}: the example is neither in {package} nor beside it")
+    checkout = Path(nurbs_ooc.__file__).parent.parent / "examples" / name
+    for path in (checkout, *_installed(name)):
+        if path.is_file():
+            return path
+    raise InputFileError(f"{name}: the example is neither in {checkout.parent} nor among the installed files")
+
+
+def _installed(name: str) -> list[Path]:
+    """What the installed distribution has under this name; nothing if it is not installed."""
+    try:
+        listed = files("nurbs-ooc") or []
+    except PackageNotFoundError:
+        return []
+    return [Path(str(file.locate())).resolve() for file in listed if file.name == name]
