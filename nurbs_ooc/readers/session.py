@@ -1,0 +1,66 @@
+"""Reads one file in a process of its own and sends it group by group, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from nurbs_cache.errors import InputFileError
+from nurbs_ooc.readers.isolation import WorkDied, run_isolated
+from nurbs_ooc.readers.messages import Failed, Finished, Message, Opened, PartData, Scene
+from nurbs_ooc.readers.part_geometry import crashed_part, isolated_parts
+from nurbs_ooc.readers.products import ProductTree, failed_scene
+from nurbs_ooc.readers.step import StepFile
+
+Send = Callable[[Message], None]
+
+
+class KernelFile(Protocol):
+    """A parsed file of one format."""
+
+    def unit(self) -> tuple[str, float]: ...
+    def groups(self) -> list[list[int]]: ...
+    def transfer(self, roots: list[int]) -> Any: ...
+
+
+def serve_file(send: Send, path: str, shown: str, kind: str) -> None:
+    """Send everything there is in ``path``; ``kind`` is "step" or "iges"."""
+    try:
+        file = StepFile(path, shown)
+        send(Opened(*file.unit()))
+        groups = file.groups()
+        for number, roots in enumerate(groups):
+            _serve_group(send, file, roots, shown, alone=len(groups) == 1)
+    except InputFileError as error:
+        send(Failed(str(error)))
+    else:
+        send(Finished())
+
+
+def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alone: bool) -> None:
+    """Transfer ``roots`` behind a fork, so that their shapes are released with it."""
+    scene: Scene | None = None
+    sent = 0
+    try:
+        for message in run_isolated(lambda inner: _transfer_and_read(inner, file, roots)):
+            scene = message if isinstance(message, Scene) else scene
+            sent += isinstance(message, PartData)
+            send(message)
+    except WorkDied as death:
+        if scene is None and alone:
+            raise InputFileError(f"{shown}: the kernel crashed while reading it ({death})") from death
+        if scene is None:
+            scene = failed_scene([f"root {root}" for root in roots])
+            send(scene)
+        for name, n_faces in list(zip(scene.part_names, scene.part_faces, strict=True))[sent:]:
+            send(PartData(crashed_part(n_faces, name).to_bytes()))
+
+
+def _transfer_and_read(send: Send, file: KernelFile, roots: list[int]) -> None:
+    document = file.transfer(roots)
+    tree = ProductTree()
+    if document is not None:
+        tree.add_document(document)
+    send(tree.scene())
+    for data in isolated_parts(tree.parts):
+        send(PartData(data))
