@@ -6,13 +6,14 @@ from typing import Any
 
 from OCP.collections import IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
 from OCP.collections import Sequence_TDF_Label
-from OCP.Quantity import Quantity_Color, Quantity_ColorRGBA
+from OCP.Quantity import Quantity_Color, Quantity_ColorRGBA, Quantity_TypeOfColor
 from OCP.TopAbs import TopAbs_ShapeEnum
 from OCP.TopExp import TopExp
 from OCP.XCAFDoc import XCAFDoc_ColorTool, XCAFDoc_ColorType, XCAFDoc_ShapeTool
 
 from nurbs_cache.scene_record import DEFAULT_MATERIAL, Material
 
+Rgb = tuple[float, float, float]
 Rgba = tuple[float, float, float, float]
 COLOUR_KINDS = (XCAFDoc_ColorType.XCAFDoc_ColorSurf, XCAFDoc_ColorType.XCAFDoc_ColorGen)
 FACE = TopAbs_ShapeEnum.TopAbs_FACE
@@ -59,17 +60,20 @@ class MaterialTable:
 
     def row(self, rgba: Rgba | None) -> int:
         """Row of the material with this colour."""
-        if rgba not in self._rows:
+        if rgba is not None and rgba not in self._rows:
             self._rows[rgba] = len(self.materials)
             self.materials.append(Material(_hex_name(rgba), rgba))
         return self._rows[rgba]
 
 
-def _hex_name(rgba: Rgba | None) -> str:
-    """The colour as designers write it, "#rrggbb" in sRGB."""
-    assert rgba is not None
-    from OCP.Quantity import Quantity_TypeOfColor
+def linear(rgb: Rgb) -> Rgba:
+    """An opaque colour given in sRGB."""
+    colour = Quantity_Color(*rgb, Quantity_TypeOfColor.Quantity_TOC_sRGB)
+    return (colour.Red(), colour.Green(), colour.Blue(), 1.0)
 
+
+def _hex_name(rgba: Rgba) -> str:
+    """The colour as designers write it, "#rrggbb" in sRGB."""
     colour = Quantity_Color(*rgba[:3], Quantity_TypeOfColor.Quantity_TOC_RGB)
     name = str(Quantity_Color.ColorToHex_s(colour).ToCString()).lower()
     return name if rgba[3] >= 1.0 else f"{name} {rgba[3]:.2f}"

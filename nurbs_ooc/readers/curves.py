@@ -10,6 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from OCP.Geom import Geom_TrimmedCurve
+from OCP.Geom2d import Geom2d_TrimmedCurve
 from OCP.Geom2dConvert import Geom2dConvert_ApproxCurve
 from OCP.GeomAbs import GeomAbs_Shape
 from OCP.GeomConvert import GeomConvert_ApproxCurve
@@ -17,7 +19,7 @@ from OCP.GeomConvert import GeomConvert_ApproxCurve
 from nurbs_cache.surface_record import CurveKind, FaceReason
 from nurbs_ooc.geometry.forms import Array, CurveForm, homogeneous
 from nurbs_ooc.readers.clamping import clamp, unroll
-from nurbs_ooc.readers.refusal import FaceRefused, require_finite, require_weights
+from nurbs_ooc.readers.refusal import FaceRefusedError, require_finite, require_weights
 
 OFFSET_TOLERANCE = 1e-6  # mm (or parameter units in 2D): asked of the kernel for offset curves
 OFFSET_MAX_DEGREE = 8
@@ -28,10 +30,10 @@ def curve_form(curve: Any, t0: float, t1: float) -> CurveForm:
     """The part t0..t1 of ``curve`` (a ``Geom_Curve`` or ``Geom2d_Curve``).
 
     Raises:
-        FaceRefused: not finite, weights that are not positive, or a kind we do not know.
+        FaceRefusedError: not finite, weights that are not positive, or a kind we do not know.
     """
     if not (np.isfinite(t0) and np.isfinite(t1) and t0 < t1):
-        raise FaceRefused(FaceReason.NOT_FINITE, f"curve range {t0} to {t1}")
+        raise FaceRefusedError(FaceReason.NOT_FINITE, f"curve range {t0} to {t1}")
     name = type(curve).__name__.split("_", 1)[1]
     form = _READERS.get(name, _unknown)(curve, t0, t1)
     require_finite(form.points, form.knots)
@@ -86,7 +88,7 @@ def _points(curve: Any) -> tuple[Array, bool]:
 
 
 def _dim(points: Array, rational: bool) -> int:
-    return points.shape[-1] - int(rational)
+    return int(points.shape[-1]) - int(rational)
 
 
 def _bezier(curve: Any, t0: float, t1: float) -> CurveForm:
@@ -114,26 +116,25 @@ def _clipped(form: CurveForm) -> CurveForm:
     low, high = float(form.knots[0]), float(form.knots[-1])
     t0, t1 = max(form.t0, low), min(form.t1, high)
     if not t0 < t1:
-        raise FaceRefused(FaceReason.BAD_KNOTS, f"curve range {form.t0} to {form.t1} outside knots {low} to {high}")
+        raise FaceRefusedError(
+            FaceReason.BAD_KNOTS, f"curve range {form.t0} to {form.t1} outside knots {low} to {high}"
+        )
     return replace(form, t0=t0, t1=t1)
 
 
 def _offset(curve: Any, t0: float, t1: float) -> CurveForm:
-    from OCP.Geom import Geom_TrimmedCurve
-    from OCP.Geom2d import Geom2d_TrimmedCurve
-
     plane = type(curve).__name__.startswith("Geom2d")
     trim, convert = (
         (Geom2d_TrimmedCurve, Geom2dConvert_ApproxCurve) if plane else (Geom_TrimmedCurve, GeomConvert_ApproxCurve)
     )
     fit = convert(trim(curve, t0, t1), OFFSET_TOLERANCE, GeomAbs_Shape.GeomAbs_C1, OFFSET_MAX_SPANS, OFFSET_MAX_DEGREE)
     if not fit.HasResult():
-        raise FaceRefused(FaceReason.KERNEL_REFUSED, "offset curve has no approximation")
+        raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "offset curve has no approximation")
     return _bspline(fit.Curve(), t0, t1)
 
 
-def _unknown(curve: Any, t0: float, t1: float) -> CurveForm:
-    raise FaceRefused(FaceReason.KERNEL_REFUSED, f"curve of unknown kind {type(curve).__name__}")
+def _unknown(curve: Any, _t0: float, _t1: float) -> CurveForm:
+    raise FaceRefusedError(FaceReason.KERNEL_REFUSED, f"curve of unknown kind {type(curve).__name__}")
 
 
 _READERS = {

@@ -16,7 +16,7 @@ from nurbs_cache.surface_record import FaceReason
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import CurveForm
 from nurbs_ooc.readers.curves import curve_form
-from nurbs_ooc.readers.refusal import FaceRefused
+from nurbs_ooc.readers.refusal import FaceRefusedError
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
 
@@ -41,9 +41,9 @@ class EdgeTable:
         """Row of ``edge``, recorded on its first use.
 
         Raises:
-            FaceRefused: the edge has no usable 3D curve.
+            FaceRefusedError: the edge has no usable 3D curve.
         """
-        index = self._edges.Add(edge)
+        index = int(self._edges.Add(edge))
         if index > len(self._edge_rows):
             self._edge_rows.append(-1)
         if self._edge_rows[index - 1] < 0:
@@ -52,11 +52,11 @@ class EdgeTable:
 
     def vertex(self, vertex: Any) -> int:
         """Row of ``vertex``, recorded on its first use."""
-        index = self._vertices.Add(vertex)
+        index = int(self._vertices.Add(vertex))
         if index > len(self._vertex_rows):
             point = BRep_Tool.Pnt_s(vertex).Coord()
             if not np.isfinite(point).all():
-                raise FaceRefused(FaceReason.NOT_FINITE, "a vertex is not finite")
+                raise FaceRefusedError(FaceReason.NOT_FINITE, "a vertex is not finite")
             row = self.builder.vertex(point)
             self._vertex_rows.append(row)
             self._tolerances[row] = BRep_Tool.Tolerance_s(vertex)
@@ -91,7 +91,7 @@ class EdgeTable:
         curve = BRep_Tool.Curve_s(edge, 0.0, 0.0)
         if curve is None:
             if not BRepLib.BuildCurve3d_s(edge):
-                raise FaceRefused(FaceReason.KERNEL_REFUSED, "an edge has no curve in space")
+                raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "an edge has no curve in space")
             curve = BRep_Tool.Curve_s(edge, 0.0, 0.0)
             t0, t1 = BRep_Tool.Range_s(edge)
         form = curve_form(curve, t0, t1)

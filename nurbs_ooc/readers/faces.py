@@ -16,12 +16,13 @@ from nurbs_ooc.geometry.forms import SurfaceForm
 from nurbs_ooc.geometry.natural_boundary import natural_loop
 from nurbs_ooc.readers.edges import EdgeTable
 from nurbs_ooc.readers.loops import FaceLoops, Loop, LoopReader, signed_area
-from nurbs_ooc.readers.refusal import FaceRefused
+from nurbs_ooc.readers.refusal import FaceRefusedError
 from nurbs_ooc.readers.surfaces import Box, read_surface
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
 REVERSED = TopAbs_Orientation.TopAbs_REVERSED
 HALF_TURN = 0.5 * np.pi
+X, Y, Z = np.eye(3)
 
 
 class FaceReader:
@@ -35,16 +36,16 @@ class FaceReader:
         """Record ``face`` (a ``TopoDS_Face``); whatever is wrong with it ends up in its status."""
         try:
             self._read(face, material, source)
-        except FaceRefused as refusal:
+        except FaceRefusedError as refusal:
             add_failed(self.builder, refusal.reason, material, f"{source} ({refusal})")
-        except Exception as error:  # the kernel's exceptions have no common Python base
+        except Exception as error:  # noqa: BLE001 - the kernel's exceptions have no common Python base
             add_failed(self.builder, FaceReason.KERNEL_REFUSED, material, f"{source} ({_one_line(error)})")
 
     def _read(self, face: Any, material: int, source: str) -> None:
         forward = TopoDS.Face(face.Oriented(FORWARD))
         surface = BRep_Tool.Surface_s(forward)
         if surface is None:
-            raise FaceRefused(FaceReason.KERNEL_REFUSED, "the face has no surface")
+            raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "the face has no surface")
         mirrored = face.Location().Transformation().IsNegative() if not face.Location().IsIdentity() else False
         outside = (face.Orientation() == REVERSED) != mirrored
         loops = LoopReader(forward, surface, self.table).read()
@@ -73,14 +74,14 @@ class FaceReader:
 
 def add_failed(builder: BatchBuilder, reason: FaceReason, material: int, source: str) -> None:
     """Record a face that could not be read: a plane of no extent without loops, status ``FAILED``."""
-    form = SurfaceForm.framed(SurfaceKind.PLANE, np.zeros(3), *np.eye(3), domain=(0.0, 0.0, 0.0, 0.0))
+    form = SurfaceForm.framed(SurfaceKind.PLANE, np.zeros(3), X, Y, Z, domain=(0.0, 0.0, 0.0, 0.0))
     builder.surface(form, material=material, source=source, status=FaceStatus.FAILED, reason=reason)
 
 
 def _natural_box(surface: Any) -> Box:
     bounds = tuple(float(b) for b in surface.Bounds(0.0, 0.0, 0.0, 0.0))
     if any(Precision.IsInfinite_s(b) for b in bounds):
-        raise FaceRefused(FaceReason.LOOP_MISSING, "an infinite surface has no boundary")
+        raise FaceRefusedError(FaceReason.LOOP_MISSING, "an infinite surface has no boundary")
     u0, u1, v0, v1 = bounds
     return u0, u1, v0, v1
 
@@ -92,7 +93,9 @@ def _box_of(loops: list[Loop], surface: Any) -> Box:
     if type(surface).__name__ == "Geom_SphericalSurface":
         low[1], high[1] = max(low[1], -HALF_TURN), min(high[1], HALF_TURN)
     if not (low < high).all():
-        raise FaceRefused(FaceReason.ZERO_AREA, f"the loops span {high[0] - low[0]} x {high[1] - low[1]} in (u, v)")
+        raise FaceRefusedError(
+            FaceReason.ZERO_AREA, f"the loops span {high[0] - low[0]} x {high[1] - low[1]} in (u, v)"
+        )
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 

@@ -45,7 +45,7 @@ def prepare_input(path: Path) -> InputFile:
         InputFileError: missing, empty, not STEP or IGES, or a broken archive.
     """
     try:
-        with open(path, "rb") as file:
+        with path.open("rb") as file:
             packed = file.read(2) == GZIP_MAGIC
     except OSError as error:
         raise InputFileError(f"{path}: {(error.strerror or str(error)).lower()}") from error
@@ -63,13 +63,13 @@ def _unpacked(path: Path) -> Path:
         with gzip.open(path, "rb") as packed, os.fdopen(descriptor, "wb") as plain:
             shutil.copyfileobj(packed, plain, 1 << 20)
     except (OSError, EOFError, zlib.error) as error:
-        os.unlink(name)
+        Path(name).unlink()
         raise InputFileError(f"{path}: broken gzip archive ({error})") from error
     return Path(name)
 
 
 def _kind(shown: Path, plain: Path) -> str:
-    with open(plain, "rb") as file:
+    with plain.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if not head.strip():
         raise InputFileError(f"{shown}: the file is empty")

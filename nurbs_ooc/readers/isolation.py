@@ -7,9 +7,11 @@ them over, and its memory is gone when it ends.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, Pipe
 from typing import Any
@@ -18,7 +20,7 @@ PART_LIMIT_S = 900.0  # silence after which a part counts as hung: the slowest f
 _END = "end"
 
 
-class WorkDied(Exception):
+class WorkDiedError(Exception):
     """The forked process ended early or was silent for too long."""
 
 
@@ -26,7 +28,7 @@ def run_isolated(work: Callable[[Callable[[Any], None]], None], limit_s: float =
     """Call ``work(send)`` in a fork and yield each object it sends.
 
     Raises:
-        WorkDied: after the last object that arrived whole, if ``work`` did not return.
+        WorkDiedError: after the last object that arrived whole, if ``work`` did not return.
     """
     receiver, sender = Pipe(duplex=False)
     sys.stdout.flush()
@@ -40,7 +42,7 @@ def run_isolated(work: Callable[[Callable[[Any], None]], None], limit_s: float =
     try:
         while not done:
             if not receiver.poll(limit_s):
-                raise WorkDied(f"silent for {limit_s:g} s")
+                raise WorkDiedError(f"silent for {limit_s:g} s")
             item = _receive(receiver)
             done = isinstance(item, str) and item == _END
             if not done:
@@ -56,7 +58,7 @@ def _receive(receiver: Connection) -> Any:
     try:
         return receiver.recv()
     except (EOFError, OSError) as error:
-        raise WorkDied("the process ended") from error
+        raise WorkDiedError("the process ended") from error
 
 
 def _run_and_exit(work: Callable[[Callable[[Any], None]], None], sender: Connection) -> None:
@@ -68,18 +70,12 @@ def _run_and_exit(work: Callable[[Callable[[Any], None]], None], sender: Connect
         status = 0
     except BrokenPipeError:
         pass
-    except BaseException as error:
-        print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
-        if os.environ.get("NURBS_OOC_DEBUG"):
-            import traceback
-
-            traceback.print_exc()
+    except BaseException:  # noqa: BLE001 - nothing may unwind into the parent's code
+        traceback.print_exc()
     finally:
         os._exit(status)
 
 
 def _kill(child: int) -> None:
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.kill(child, signal.SIGKILL)
-    except ProcessLookupError:
-        pass

@@ -12,6 +12,7 @@ import pickle
 import signal
 import socket
 import sys
+import traceback
 from multiprocessing.connection import Connection
 
 MAX_REQUEST_BYTES = 65536
@@ -45,12 +46,8 @@ def _session(pipe: Connection, serve_file, path: str, shown: str, kind: str) -> 
         status = 0
     except BrokenPipeError:  # the reader was closed early
         pass
-    except BaseException as error:
-        print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
-        if os.environ.get("NURBS_OOC_DEBUG"):
-            import traceback
-
-            traceback.print_exc()
+    except BaseException:  # noqa: BLE001 - nothing may unwind into the server's loop
+        traceback.print_exc()
     finally:
         os._exit(status)
 

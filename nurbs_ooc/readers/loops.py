@@ -31,7 +31,7 @@ from nurbs_ooc.geometry.builder import Coedge
 from nurbs_ooc.geometry.forms import Array, CurveForm
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.edges import EdgeTable
-from nurbs_ooc.readers.refusal import FaceRefused
+from nurbs_ooc.readers.refusal import FaceRefusedError
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
 REVERSED = TopAbs_Orientation.TopAbs_REVERSED
@@ -39,7 +39,7 @@ WIRE = TopAbs_ShapeEnum.TopAbs_WIRE
 EDGE = TopAbs_ShapeEnum.TopAbs_EDGE
 
 ROUNDING = 1e-9  # relative: p-curve ends closer than this are equal
-POLE_SHARE = 1e-4  # of the face's extent in u or v: a jump over a pole, not a gap in the file
+POLE_SHARE = 0.02  # of the face's extent in u or v: a jump over a pole, not a gap in the file
 MIN_TOLERANCE = 1e-7  # mm, the kernel's own confusion distance
 GAP_SLACK = 2.0  # both ends may be off by the tolerance
 
@@ -111,7 +111,7 @@ class LoopReader:
             ShapeFix_Edge().FixAddPCurve(edge, self.face, False)
             curve = BRep_Tool.CurveOnSurface_s(edge, self.face, 0.0, 0.0)
         if curve is None:
-            raise FaceRefused(FaceReason.KERNEL_REFUSED, "an edge cannot be projected to its surface")
+            raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "an edge cannot be projected to its surface")
         return curve_form(curve, *BRep_Tool.Range_s(edge, self.face))
 
     def _extent(self, wires: list[list[Coedge]]) -> Array:
@@ -179,7 +179,7 @@ class LoopReader:
         vertex = self._vertices(first)[1]
         tolerance = max(self._tolerance[first.edge], self._tolerance[second.edge], self.table.vertex_tolerance(vertex))
         one_point = max(p.Distance(points[0]) for p in points) <= GAP_SLACK * tolerance
-        if one_point and (gap <= POLE_SHARE * extent).all():
+        if one_point and bool((gap <= POLE_SHARE * extent).all()):
             return []
         self.result.reasons.add(FaceReason.LOOP_GAP_CLOSED)
         pcurve = CurveForm.line(start, end)

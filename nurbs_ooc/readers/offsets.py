@@ -10,7 +10,7 @@ from OCP.GeomAbs import GeomAbs_Shape
 from OCP.GeomConvert import GeomConvert_ApproxSurface
 
 from nurbs_cache.surface_record import FaceReason
-from nurbs_ooc.readers.refusal import FaceRefused
+from nurbs_ooc.readers.refusal import FaceRefusedError
 
 TOLERANCE = 1e-5  # mm, first try
 COARSEST = 1e-2  # mm, the last try; each try allows ten times more
@@ -26,7 +26,7 @@ def approximated_offset(surface: Any, box: tuple[float, float, float, float]) ->
     distances at equal parameters.
 
     Raises:
-        FaceRefused: the kernel finds no approximation, or the surface has no normal somewhere.
+        FaceRefusedError: the kernel finds no approximation, or the surface has no normal somewhere.
     """
     tolerance = TOLERANCE
     while tolerance <= COARSEST:
@@ -34,15 +34,15 @@ def approximated_offset(surface: Any, box: tuple[float, float, float, float]) ->
         if spline is not None:
             return spline, max(estimate, SAFETY * _distance(surface, spline, box))
         tolerance *= 10.0
-    raise FaceRefused(FaceReason.KERNEL_REFUSED, f"offset surface: no B-spline within {COARSEST} mm")
+    raise FaceRefusedError(FaceReason.KERNEL_REFUSED, f"offset surface: no B-spline within {COARSEST} mm")
 
 
 def _approximate(trimmed: Any, tolerance: float) -> tuple[Any, float]:
     smooth = GeomAbs_Shape.GeomAbs_C1
     try:
         fit = GeomConvert_ApproxSurface(trimmed, tolerance, smooth, smooth, MAX_DEGREE, MAX_DEGREE, MAX_SPANS, 0)
-    except Exception as error:  # the kernel's exceptions have no common Python base
-        raise FaceRefused(FaceReason.KERNEL_REFUSED, f"offset surface: {error}") from error
+    except Exception as error:
+        raise FaceRefusedError(FaceReason.KERNEL_REFUSED, f"offset surface: {error}") from error
     good = fit.HasResult() and fit.MaxError() <= 10.0 * tolerance
     return (fit.Surface(), fit.MaxError()) if good else (None, 0.0)
 

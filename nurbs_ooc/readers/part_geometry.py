@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from OCP.BRepTools import BRepTools
@@ -14,10 +15,23 @@ from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.readers.colours import FACE
 from nurbs_ooc.readers.faces import FaceReader, add_failed
-from nurbs_ooc.readers.isolation import PART_LIMIT_S, WorkDied, run_isolated
-from nurbs_ooc.readers.products import PartShape
+from nurbs_ooc.readers.isolation import PART_LIMIT_S, WorkDiedError, run_isolated
 
 SCALE_ROUNDING = 1e-12  # a placement inside a shape with more than this is applied to the geometry
+
+
+@dataclass(frozen=True)
+class PartSource:
+    """A part that is still to be recorded.
+
+    Attributes:
+        materials: row of the material of each face.
+        record: makes the part's geometry; may crash the process.
+    """
+
+    name: str
+    materials: list[int]
+    record: Callable[[], GeometryBatch]
 
 
 def part_geometry(shape: Any, materials: Sequence[int], name: str) -> GeometryBatch:
@@ -64,15 +78,7 @@ def crashed_part(n_faces: int, name: str, materials: Sequence[int] = ()) -> Geom
     return builder.build()
 
 
-def _recorded(part: PartShape) -> bytes:
-    return part_geometry(part.shape, part.materials, part.name).to_bytes()
-
-
-def isolated_parts(
-    parts: Sequence[PartShape],
-    record: Callable[[PartShape], bytes] = _recorded,
-    limit_s: float = PART_LIMIT_S,
-) -> Iterator[bytes]:
+def isolated_parts(parts: Sequence[PartSource], limit_s: float = PART_LIMIT_S) -> Iterator[bytes]:
     """``GeometryBatch.to_bytes()`` of each part; one that kills or hangs its process is only marked.
 
     One forked process takes the parts in turn; a new one goes on behind a part that ended it.
@@ -83,13 +89,13 @@ def isolated_parts(
 
         def work(send: Callable[[bytes], None], start: int = start) -> None:
             for part in parts[start:]:
-                send(record(part))
+                send(part.record().to_bytes())
 
         try:
             for data in run_isolated(work, limit_s):
                 done += 1
                 yield data
-        except WorkDied:
+        except WorkDiedError:
             part = parts[done]
             done += 1
             yield crashed_part(len(part.materials), part.name, part.materials).to_bytes()

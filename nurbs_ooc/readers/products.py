@@ -7,8 +7,9 @@ own colour and the rest take the instance's, each such instance colour makes a p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,11 @@ from OCP.TopExp import TopExp
 from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
 from nurbs_cache.scene_record import Product
+from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.geometry.forms import Array
-from nurbs_ooc.readers.colours import FACE, MaterialTable, Rgba, face_colours, label_colour
+from nurbs_ooc.readers.colours import FACE, MaterialTable, Rgb, Rgba, face_colours, label_colour, linear
 from nurbs_ooc.readers.messages import Placement, Scene
+from nurbs_ooc.readers.part_geometry import PartSource, part_geometry
 
 IDENTITY: Array = np.eye(4)
 
@@ -45,21 +48,12 @@ class Prototype:
 
 
 @dataclass
-class PartShape:
-    """A part to be recorded: the faces of a prototype with a material row each."""
-
-    name: str
-    shape: Any
-    materials: list[int]
-
-
-@dataclass
 class ProductTree:
     """Walks a document once and keeps what ``scene`` and the part reader need."""
 
     table: MaterialTable = field(default_factory=MaterialTable)
     products: list[Product] = field(default_factory=list)
-    parts: list[PartShape] = field(default_factory=list)
+    parts: list[PartSource] = field(default_factory=list)
     placements: list[Placement] = field(default_factory=list)
     _prototypes: dict[str, Prototype] = field(default_factory=dict)
     _rows: dict[tuple[str, Rgba | None], int] = field(default_factory=dict)
@@ -71,6 +65,14 @@ class ProductTree:
         tool.GetFreeShapes(roots)
         for root in roots:
             self._walk(root, -1, IDENTITY, None)
+
+    def add_single(self, name: str, rgb: Rgb | None, record: Callable[[int], GeometryBatch]) -> None:
+        """Take in one face that is not in the document; ``record`` gets its material's row, ``rgb`` is sRGB."""
+        material = self.table.row(None if rgb is None else linear(rgb))
+        identity = tuple(IDENTITY[:3].ravel().tolist())
+        self.placements.append((len(self.parts), len(self.products), -1, identity))
+        self.products.append(Product(name, -1, identity))
+        self.parts.append(PartSource(name, [material], partial(record, material)))
 
     def scene(self) -> Scene:
         """Everything but the geometry."""
@@ -128,7 +130,8 @@ class ProductTree:
         if key not in self._rows:
             self._rows[key] = len(self.parts)
             rows = [self.table.row(prototype.by_face.get(i + 1, base)) for i in range(n_faces)]
-            self.parts.append(PartShape(prototype.name, prototype.shape, rows))
+            record = partial(part_geometry, prototype.shape, rows, prototype.name)
+            self.parts.append(PartSource(prototype.name, rows, record))
         override = -1
         if whole != base and not prototype.by_face:
             override = self.table.row(whole)

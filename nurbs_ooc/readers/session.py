@@ -6,30 +6,45 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from nurbs_cache.errors import InputFileError
-from nurbs_ooc.readers.isolation import WorkDied, run_isolated
+from nurbs_ooc.readers.iges import IgesFile
+from nurbs_ooc.readers.isolation import WorkDiedError, run_isolated
+from nurbs_ooc.readers.leftover import Leftover
 from nurbs_ooc.readers.messages import Failed, Finished, Message, Opened, PartData, Scene
 from nurbs_ooc.readers.part_geometry import crashed_part, isolated_parts
 from nurbs_ooc.readers.products import ProductTree, failed_scene
 from nurbs_ooc.readers.step import StepFile
 
 Send = Callable[[Message], None]
+FORMATS: dict[str, type[StepFile] | type[IgesFile]] = {"step": StepFile, "iges": IgesFile}
 
 
 class KernelFile(Protocol):
     """A parsed file of one format."""
 
-    def unit(self) -> tuple[str, float]: ...
-    def groups(self) -> list[list[int]]: ...
-    def transfer(self, roots: list[int]) -> Any: ...
+    def unit(self) -> tuple[str, float]:
+        """Name and size in mm of the file's length unit."""
+        ...
+
+    def groups(self) -> list[list[int]]:
+        """Root numbers that are transferred together."""
+        ...
+
+    def transfer(self, roots: list[int]) -> Any:
+        """A document with these roots, or None."""
+        ...
+
+    def leftovers(self) -> list[Leftover]:
+        """What the kernel could not transfer, asked for after the last ``transfer``."""
+        ...
 
 
 def serve_file(send: Send, path: str, shown: str, kind: str) -> None:
     """Send everything there is in ``path``; ``kind`` is "step" or "iges"."""
     try:
-        file = StepFile(path, shown)
+        file: KernelFile = FORMATS[kind](path, shown)
         send(Opened(*file.unit()))
         groups = file.groups()
-        for number, roots in enumerate(groups):
+        for roots in groups:
             _serve_group(send, file, roots, shown, alone=len(groups) == 1)
     except InputFileError as error:
         send(Failed(str(error)))
@@ -46,7 +61,7 @@ def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alo
             scene = message if isinstance(message, Scene) else scene
             sent += isinstance(message, PartData)
             send(message)
-    except WorkDied as death:
+    except WorkDiedError as death:
         if scene is None and alone:
             raise InputFileError(f"{shown}: the kernel crashed while reading it ({death})") from death
         if scene is None:
@@ -61,6 +76,8 @@ def _transfer_and_read(send: Send, file: KernelFile, roots: list[int]) -> None:
     tree = ProductTree()
     if document is not None:
         tree.add_document(document)
+    for name, rgb, record in file.leftovers():
+        tree.add_single(name, rgb, record)
     send(tree.scene())
     for data in isolated_parts(tree.parts):
         send(PartData(data))

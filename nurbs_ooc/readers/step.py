@@ -10,6 +10,7 @@ from OCP.STEPCAFControl import STEPCAFControl_Reader
 
 from nurbs_cache.errors import InputFileError
 from nurbs_ooc.readers.kernel_setup import new_document
+from nurbs_ooc.readers.leftover import Leftover
 from nurbs_ooc.readers.units import ASSUMED, named_unit
 
 
@@ -53,6 +54,10 @@ class StepFile:
         model = self.reader.ChangeReader().StepModel()
         kinds = (type(model.Value(i)).__name__ for i in range(1, model.NbEntities() + 1))
         return any(kind == "StepRepr_NextAssemblyUsageOccurrence" for kind in kinds)
+
+    def leftovers(self) -> list[Leftover]:
+        """Nothing yet."""
+        return []
 
     def transfer(self, roots: list[int]) -> Any:
         """A document with the given roots, or None if the kernel refuses them."""

@@ -22,7 +22,7 @@ from nurbs_ooc.geometry.forms import Array, SurfaceForm, homogeneous
 from nurbs_ooc.readers.clamping import clamp, unroll
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.offsets import approximated_offset
-from nurbs_ooc.readers.refusal import FaceRefused, require_finite, require_knots, require_weights
+from nurbs_ooc.readers.refusal import FaceRefusedError, require_finite, require_knots, require_weights
 
 Box = tuple[float, float, float, float]
 TURN = 2.0 * np.pi
@@ -42,7 +42,7 @@ def read_surface(surface: Any, box: Box) -> SurfaceReading:
     """Record ``surface`` (a ``Geom_Surface``) over ``box``.
 
     Raises:
-        FaceRefused: not finite, bad weights or knots, or a kind we do not know.
+        FaceRefusedError: not finite, bad weights or knots, or a kind we do not know.
     """
     name = type(surface).__name__.removeprefix("Geom_")
     if name == "RectangularTrimmedSurface":
@@ -90,9 +90,8 @@ def _torus(surface: Any, box: Box) -> SurfaceForm:
 
 def _extrusion(surface: Any, box: Box) -> SurfaceForm:
     profile = curve_form(surface.BasisCurve(), box[0], box[1])
-    form = SurfaceForm.framed(
-        SurfaceKind.EXTRUSION, *np.zeros((3, 3)), surface.Direction().Coord(), profile=profile, domain=box
-    )
+    nothing, direction = np.zeros(3), surface.Direction().Coord()
+    form = SurfaceForm.framed(SurfaceKind.EXTRUSION, nothing, nothing, nothing, direction, profile=profile, domain=box)
     return replace(form, u_period=surface.UPeriod() if surface.IsUPeriodic() else 0.0)
 
 
@@ -203,8 +202,8 @@ def parallel_surface(form: SurfaceForm, distance: float) -> SurfaceForm | None:
     return replace(form, frame=np.concatenate([o, x, y, z, [a, b]]))
 
 
-def _unknown(surface: Any, box: Box) -> SurfaceForm:
-    raise FaceRefused(FaceReason.KERNEL_REFUSED, f"surface of unknown kind {type(surface).__name__}")
+def _unknown(surface: Any, _box: Box) -> SurfaceForm:
+    raise FaceRefusedError(FaceReason.KERNEL_REFUSED, f"surface of unknown kind {type(surface).__name__}")
 
 
 _READERS = {
