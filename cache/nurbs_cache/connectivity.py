@@ -1,0 +1,259 @@
+r"""Triangles as one byte each: which recent edge a triangle continues from, and its third vertex.
+
+Coder and decoder keep the same two rings: the last 16 edges at which the mesh can grow, each with the
+vertex on its other side, and the last 16 vertices that were new or far away. A triangle that shares
+one of the last 15 edges is turned so that the edge comes first::
+
+         c           code = slot of edge (a, b) << 4 | code of c
+        / \          code of a vertex: 0 new, 1 to 13 slot in the vertex ring + 1,
+       a---b                           14 one after the last far one, 15 far: a number follows
+        \ /          15 << 4 | code of a: no shared edge; the codes of b and c follow in a byte
+         d           numbers follow as variable-length bytes of the zigzag difference to the last far one
+
+Vertices are numbered by first use, so "new" needs no number. The vertex d across the shared edge gives
+the parallelogram's guess a + b - d for a new c; ``predictors`` holds (a, b, d) for every vertex.
+
+Source: the edge and vertex rings follow A. Kapoulkine, meshoptimizer, index codec; the parallelogram
+C. Touma and C. Gotsman, Triangle mesh compression, Graphics Interface 1998.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.errors import CorruptRecordError
+from nurbs_cache.jit import helper, kernel
+
+EXTRA_BYTES = 16  # at most, per triangle: a byte of codes and three numbers of five bytes
+_RING = 16
+_NO_EDGE = 15
+_NEW, _NEXT, _FAR = 0, 14, 15
+_NOBODY = 0xFFFFFFFF
+
+
+def encode_triangles(
+    triangles: npt.NDArray[np.uint32], labels: npt.NDArray[np.int32], predictors: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], int]:
+    """Code triangles, number their vertices by first use and say what each is predicted from.
+
+    Args:
+        triangles: (t, 3) uint32, in order; corners differ.
+        labels: (n,) int32, -1 on entry; on return the new number of every vertex used.
+        predictors: (n, 3) int32; on return rows (a, b, d) in new numbers, a = b = d for a plain difference.
+
+    Returns:
+        (t,) codes, (e,) extra bytes, number of vertices used.
+    """
+    codes = np.empty(len(triangles), np.uint8)
+    extras = np.empty(EXTRA_BYTES * len(triangles), np.uint8)
+    n_extras, n_used = _encode(triangles, labels, predictors, codes, extras)
+    return codes, extras[:n_extras], n_used
+
+
+def decode_triangles(
+    codes: npt.NDArray[np.uint8], extras: npt.NDArray[np.uint8], n_vertices: int, predictors: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.uint32], int]:
+    """Inverse of ``encode_triangles``: (t, 3) uint32 triangles, and the number of vertices they use.
+
+    Raises:
+        CorruptRecordError: a code refers to what is not there.
+    """
+    triangles = np.empty((len(codes), 3), np.uint32)
+    padded = np.zeros(len(extras) + EXTRA_BYTES, np.uint8)
+    padded[: len(extras)] = extras
+    n_used = _decode(codes, padded, len(extras), n_vertices, triangles, predictors)
+    if n_used < 0:
+        raise CorruptRecordError("tile: its triangles refer to vertices that are not there")
+    return triangles, n_used
+
+
+@helper
+def _write_number(extras, at, value):  # type: ignore[no-untyped-def]
+    """Zigzag, then seven bits to a byte, the lowest first; returns where to go on."""
+    rest = (value << 1) ^ (value >> 63)
+    while rest > 127:
+        extras[at] = np.uint8(rest & 127 | 128)
+        rest >>= 7
+        at += 1
+    extras[at] = np.uint8(rest)
+    return at + 1
+
+
+@helper
+def _read_number(extras, at):  # type: ignore[no-untyped-def]
+    """Inverse of ``_write_number``: (value, where to go on); five bytes at most."""
+    rest = np.int64(0)
+    for k in range(5):
+        byte = np.int64(extras[at])
+        at += 1
+        rest |= (byte & 127) << (7 * k)
+        if byte < 128:
+            break
+    return (rest >> 1) ^ -(rest & 1), at
+
+
+@helper
+def _vertex_code(vertex, is_new, far, ring, head):  # type: ignore[no-untyped-def]
+    """Code of a vertex."""
+    if is_new:
+        return _NEW
+    for slot in range(13):
+        if ring[(head - 1 - slot) & 15] == vertex:
+            return slot + 1
+    return _NEXT if vertex == far + 1 else _FAR
+
+
+@kernel
+def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-untyped-def]
+    edges = np.full(_RING, np.uint64(0xFFFFFFFFFFFFFFFF))
+    across = np.zeros(_RING, np.int64)
+    ring = np.full(_RING, np.int64(-1))
+    corner = np.empty(3, np.int64)
+    fresh = np.zeros(3, np.bool_)
+    edge_head, ring_head, n_used, at = 0, 0, 0, 0
+    far = np.int64(-1)
+    for t in range(triangles.shape[0]):
+        # number the corners
+        for k in range(3):
+            old = triangles[t, k]
+            fresh[k] = labels[old] < 0
+            if fresh[k]:
+                labels[old] = n_used
+                n_used += 1
+            corner[k] = labels[old]
+        # look for an edge to continue from
+        key0 = np.uint64(corner[0]) << np.uint64(32) | np.uint64(corner[1])
+        key1 = np.uint64(corner[1]) << np.uint64(32) | np.uint64(corner[2])
+        key2 = np.uint64(corner[2]) << np.uint64(32) | np.uint64(corner[0])
+        slot, turn = _NO_EDGE, 0
+        for s in range(_NO_EDGE):
+            edge = edges[(edge_head - 1 - s) & 15]
+            if edge == key0 or edge == key1 or edge == key2:  # noqa: SIM109 (no tuples in a hot loop)
+                slot = s
+                turn = 0 if edge == key0 else (1 if edge == key1 else 2)
+                break
+        a = corner[turn]
+        b = corner[(turn + 1) % 3]
+        c = corner[(turn + 2) % 3]
+        n_coded = 1 if slot < _NO_EDGE else 3
+        if n_coded == 1:
+            opposite = across[(edge_head - 1 - slot) & 15]
+        pair_at = at
+        if n_coded == 3:
+            extras[at] = 0
+            at += 1
+        # code the vertices that the edge does not give
+        for k in range(3 - n_coded, 3):
+            vertex = corner[(turn + k) % 3]
+            is_new = fresh[(turn + k) % 3]
+            code = _vertex_code(vertex, is_new, far, ring, ring_head)
+            if code == _FAR:
+                at = _write_number(extras, at, vertex - far)
+            if code >= _NEXT:
+                far = vertex
+            if code == _NEW or code >= _NEXT:
+                ring[ring_head & 15] = vertex
+                ring_head += 1
+            if is_new:
+                if n_coded == 1:
+                    predictors[vertex, 0] = a
+                    predictors[vertex, 1] = b
+                    predictors[vertex, 2] = opposite
+                else:
+                    guess = corner[k - 1] if k > 0 else max(vertex - 1, 0)
+                    predictors[vertex, :] = guess
+            if n_coded == 1:
+                codes[t] = np.uint8(slot << 4 | code)
+            elif k == 0:
+                codes[t] = np.uint8(_NO_EDGE << 4 | code)
+            elif k == 1:
+                extras[pair_at] = np.uint8(code << 4)
+            else:
+                extras[pair_at] |= np.uint8(code)
+        # the edges at which the mesh can grow
+        if n_coded == 3:
+            edges[edge_head & 15] = np.uint64(b) << np.uint64(32) | np.uint64(a)
+            across[edge_head & 15] = c
+            edge_head += 1
+        edges[edge_head & 15] = np.uint64(c) << np.uint64(32) | np.uint64(b)
+        across[edge_head & 15] = a
+        edges[(edge_head + 1) & 15] = np.uint64(a) << np.uint64(32) | np.uint64(c)
+        across[(edge_head + 1) & 15] = b
+        edge_head += 2
+    return at, n_used
+
+
+@kernel
+def _decode(codes, extras, n_extras, n_vertices, triangles, predictors):  # type: ignore[no-untyped-def]
+    """Number of vertices used, or -1."""
+    first = np.full(_RING, np.int64(_NOBODY))
+    second = np.full(_RING, np.int64(_NOBODY))
+    across = np.zeros(_RING, np.int64)
+    ring = np.full(_RING, np.int64(_NOBODY))
+    corner = np.empty(3, np.int64)
+    edge_head, ring_head, n_used, at = 0, 0, 0, 0
+    far = np.int64(-1)
+    for t in range(codes.shape[0]):
+        if at > n_extras:
+            return -1
+        slot = np.int64(codes[t]) >> 4
+        packed = np.int64(codes[t]) & 15
+        n_coded = 1
+        opposite = np.int64(0)
+        if slot < _NO_EDGE:
+            edge = (edge_head - 1 - slot) & 15
+            corner[0] = first[edge]
+            corner[1] = second[edge]
+            opposite = across[edge]
+            if corner[0] >= n_used:
+                return -1
+        else:
+            n_coded = 3
+            packed = packed << 8 | np.int64(extras[at])
+            at += 1
+        for k in range(3 - n_coded, 3):
+            code = packed >> (4 * (2 - k)) & 15
+            if code == _NEW:
+                vertex = np.int64(n_used)
+                if vertex >= n_vertices:
+                    return -1
+                n_used += 1
+                if n_coded == 1:
+                    predictors[vertex, 0] = corner[0]
+                    predictors[vertex, 1] = corner[1]
+                    predictors[vertex, 2] = opposite
+                else:
+                    predictors[vertex, :] = corner[k - 1] if k > 0 else max(vertex - 1, 0)
+            elif code < _NEXT:
+                vertex = ring[(ring_head - code) & 15]
+            elif code == _NEXT:
+                vertex = far + 1
+            else:
+                difference, at = _read_number(extras, at)
+                vertex = far + difference
+            if vertex < 0 or vertex >= n_used:
+                return -1
+            if code >= _NEXT:
+                far = vertex
+            if code == _NEW or code >= _NEXT:
+                ring[ring_head & 15] = vertex
+                ring_head += 1
+            corner[k] = vertex
+        a, b, c = corner[0], corner[1], corner[2]
+        triangles[t, 0] = a
+        triangles[t, 1] = b
+        triangles[t, 2] = c
+        if n_coded == 3:
+            first[edge_head & 15] = b
+            second[edge_head & 15] = a
+            across[edge_head & 15] = c
+            edge_head += 1
+        first[edge_head & 15] = c
+        second[edge_head & 15] = b
+        across[edge_head & 15] = a
+        first[(edge_head + 1) & 15] = a
+        second[(edge_head + 1) & 15] = c
+        across[(edge_head + 1) & 15] = b
+        edge_head += 2
+    return n_used if at == n_extras else -1

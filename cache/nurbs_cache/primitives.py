@@ -1,0 +1,162 @@
+"""What quantisation leaves of a tile's primitives, and the order in which its vertices are stored.
+
+A triangle or line whose corners fall on one grid point is not drawn. It may have been all there was of
+a face, so what it covered must stay covered: a triangle that became a segment leaves a line unless a
+kept triangle or line has that edge, one that became a point leaves a point unless something kept lies
+there. The ledger's quantisation term then still bounds the distance in both directions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.connectivity import encode_triangles
+from nurbs_cache.errors import UsageError
+from nurbs_cache.jit import helper, kernel
+
+Indices = npt.NDArray[np.uint32]
+Steps = npt.NDArray[np.int32]
+
+
+def drop_degenerate(
+    steps: Steps, triangles: Indices, lines: Indices, points: Indices
+) -> tuple[Indices, Indices, Indices]:
+    """Triangles (t, 3), lines (l, 2) and points (p,) that remain on the grid, covering what was covered.
+
+    Raises:
+        UsageError: an index is not below the number of vertices.
+    """
+    flat_triangles = np.empty(len(triangles), np.bool_)
+    flat_lines = np.empty(len(lines), np.bool_)
+    n_flat = _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines)
+    if n_flat < 0:
+        raise UsageError(f"tile: an index is not below its {len(steps)} vertices")
+    if n_flat == 0:
+        return triangles, lines, points
+    kept_triangles, kept_lines = triangles[~flat_triangles], lines[~flat_lines]
+    new_lines, new_points = _uncovered(
+        steps, kept_triangles, kept_lines, points, triangles[flat_triangles], lines[flat_lines]
+    )
+    return kept_triangles, np.concatenate([kept_lines, new_lines]), np.concatenate([points, new_points])
+
+
+class Ordered(NamedTuple):
+    """Primitives in new vertex numbers.
+
+    Attributes:
+        codes, extras: the triangles, see ``connectivity``.
+        lines: (l, 2); points: (p,).
+        order: (n,) int32: old number of every new one.
+        predictors: (n, 3) int32 new numbers a, b, d of the guess a + b - d.
+    """
+
+    codes: npt.NDArray[np.uint8]
+    extras: npt.NDArray[np.uint8]
+    lines: Indices
+    points: Indices
+    order: npt.NDArray[np.int32]
+    predictors: npt.NDArray[np.int32]
+
+
+def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: Indices) -> Ordered:
+    """Number vertices by first use in triangles, lines, points; unused ones are left out."""
+    labels = np.full(n_vertices, -1, np.int32)
+    predictors = np.empty((n_vertices, 3), np.int32)
+    codes, extras, n_predicted = encode_triangles(triangles, labels, predictors)
+    new_lines, new_points = np.empty_like(lines), np.empty_like(points)
+    n_used = _relabel(lines.reshape(-1), labels, n_predicted, new_lines.reshape(-1))
+    n_used = _relabel(points, labels, n_used, new_points)
+    order = np.empty(n_used, np.int32)
+    _invert(labels, order)
+    chain_predictors(predictors[:n_used], n_predicted)
+    return Ordered(codes, extras, new_lines, new_points, order, predictors[:n_used])
+
+
+def chain_predictors(predictors: npt.NDArray[np.int32], first: int) -> None:
+    """From row ``first`` on, predict each vertex from the one before."""
+    _chain(predictors, first)
+
+
+def _uncovered(
+    steps: Steps, triangles: Indices, lines: Indices, points: Indices, flat_triangles: Indices, flat_lines: Indices
+) -> tuple[Indices, Indices]:
+    """Lines and points that stand for degenerate primitives which nothing kept covers."""
+    _, place = np.unique(steps, axis=0, return_inverse=True)
+    place = place.reshape(-1).astype(np.int64)
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]], lines])
+    candidates = np.concatenate([flat_triangles[:, [0, 1]], flat_triangles[:, [1, 2]], flat_triangles[:, [2, 0]]])
+    long = place[candidates[:, 0]] != place[candidates[:, 1]]
+    fresh = ~np.isin(_edge_names(place, candidates), _edge_names(place, edges)) & long
+    new_lines = _first_of_each(candidates[fresh], _edge_names(place, candidates[fresh]))
+    used = np.concatenate([triangles.reshape(-1), lines.reshape(-1), new_lines.reshape(-1), points])
+    corners = np.concatenate([flat_triangles.reshape(-1), flat_lines.reshape(-1)])
+    alone = corners[~np.isin(place[corners], place[used])]
+    return new_lines, _first_of_each(alone, place[alone])
+
+
+def _edge_names(place: npt.NDArray[np.int64], edges: Indices) -> npt.NDArray[np.int64]:
+    """One number per undirected edge between places."""
+    ends = place[edges.astype(np.int64)]
+    names: npt.NDArray[np.int64] = ends.min(axis=1) * (len(place) + 1) + ends.max(axis=1)
+    return names
+
+
+def _first_of_each(rows: Indices, names: npt.NDArray[np.int64]) -> Indices:
+    """The first row of every name, in the order of the rows."""
+    _, first = np.unique(names, return_index=True)
+    return rows[np.sort(first)]
+
+
+@helper
+def _same(steps, a, b):  # type: ignore[no-untyped-def]
+    return steps[a, 0] == steps[b, 0] and steps[a, 1] == steps[b, 1] and steps[a, 2] == steps[b, 2]
+
+
+@kernel
+def _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines):  # type: ignore[no-untyped-def]
+    """Number of degenerate primitives, or -1 if an index is out of range."""
+    n = steps.shape[0]
+    n_flat = 0
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if a >= n or b >= n or c >= n:
+            return -1
+        flat_triangles[t] = _same(steps, a, b) or _same(steps, b, c) or _same(steps, c, a)
+        n_flat += flat_triangles[t]
+    for i in range(lines.shape[0]):
+        a, b = lines[i, 0], lines[i, 1]
+        if a >= n or b >= n:
+            return -1
+        flat_lines[i] = _same(steps, a, b)
+        n_flat += flat_lines[i]
+    for p in points:
+        if p >= n:
+            return -1
+    return n_flat
+
+
+@kernel
+def _relabel(old, labels, n_used, new):  # type: ignore[no-untyped-def]
+    for i in range(old.shape[0]):
+        vertex = old[i]
+        if labels[vertex] < 0:
+            labels[vertex] = n_used
+            n_used += 1
+        new[i] = labels[vertex]
+    return n_used
+
+
+@kernel
+def _invert(labels, order):  # type: ignore[no-untyped-def]
+    for i in range(labels.shape[0]):
+        if labels[i] >= 0:
+            order[labels[i]] = i
+
+
+@kernel
+def _chain(predictors, first):  # type: ignore[no-untyped-def]
+    for i in range(first, predictors.shape[0]):
+        predictors[i, :] = max(i - 1, 0)
