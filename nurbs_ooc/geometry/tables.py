@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
 
+CONTIGUOUS = ["C", "A", "W"]
 MAX_DEGREE = 30  # scratch arrays are sized by it; the reader refuses more
 
 
@@ -26,13 +28,18 @@ class Tables(NamedTuple):
 
 def tables(geometry: GeometryBatch) -> Tables:
     """The arrays of ``geometry``, contiguous and writable so that kernels see one type only."""
-    arrays = (
-        geometry.surfaces,
-        geometry.loops,
-        geometry.coedges,
-        geometry.edges,
-        geometry.curves,
-        geometry.vertices,
-        geometry.values,
+    return Tables(
+        _records(geometry.surfaces),
+        _records(geometry.loops),
+        _records(geometry.coedges),
+        _records(geometry.edges),
+        _records(geometry.curves),
+        np.require(geometry.vertices, requirements=CONTIGUOUS),
+        np.require(geometry.values, requirements=CONTIGUOUS),
     )
-    return Tables(*(np.require(a, requirements=["C", "A", "W"]) for a in arrays))
+
+
+def _records(table: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """A table whose rows have their fields as attributes: compiled code has them anyway, plain Python wants a view."""
+    table = np.require(table, requirements=CONTIGUOUS)
+    return table.view(np.recarray) if numba.config.DISABLE_JIT else table
