@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.middleware.cors import CORSMiddleware
+from starlette.types import Receive, Scope, Send
 
 from nurbs_cache.typed_store import TypedStore
-from nurbs_server import batch, errors, health, node_tiles, scene, surfaces, tables, tiles
+from nurbs_server import batch, cors, errors, health, node_tiles, scene, surfaces, tables, tiles
 from nurbs_server.backend import Backend
-from nurbs_server.limits import BODY_BYTES, BUILD_THREADS, CORS_MAX_AGE_S
+from nurbs_server.limits import BODY_BYTES, BUILD_THREADS
 from nurbs_server.metrics import CountRequests
 from nurbs_server.on_demand import Builders
 
 ROUTERS = (scene.router, tables.router, node_tiles.router, batch.router, surfaces.router, health.router)
-EXPOSED = (
-    "ETag",
-    "Content-Length",
-    "Content-Range",
-    "Content-Location",
-    "X-Geometric-Error",
-    "X-First-Row",
-    "X-Total-Rows",
-)
+
+
+class Application(FastAPI):
+    """The framework's application, with tiles answered in front of it."""
+
+    def __init__(self, backend: Backend, **options: Any) -> None:
+        super().__init__(**options)
+        self.state.backend = backend
+        self._tiles = tiles.TileEndpoint(backend.tiles, backend.metrics)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if self._tiles.takes(scope):
+            await self._tiles(scope, receive, send)
+        else:
+            await super().__call__(scope, receive, send)
+
+    def openapi(self) -> dict[str, Any]:
+        """The description of all routes, with those that the framework does not see."""
+        description = super().openapi()  # which keeps it: made once
+        description["paths"].setdefault(tiles.PATH, tiles.tile_path_item())
+        return description
 
 
 def create_app(
@@ -35,8 +48,7 @@ def create_app(
     *,
     refusal: str = "this server builds nothing",
     build_threads: int = BUILD_THREADS,
-    allow_origins: Sequence[str] = ("*",),
-) -> FastAPI:
+) -> Application:
     """The ASGI application that serves ``store``; the index is read before this returns.
 
     Args:
@@ -44,7 +56,6 @@ def create_app(
         builders: how to make missing tiles (the store is then open for writing); None only serves.
         refusal: without builders: why, as the answer 409 gives it.
         build_threads: builds at a time.
-        allow_origins: whose web pages may read from here; nothing here depends on who asks.
 
     Raises:
         CacheError: the index cannot be read.
@@ -56,41 +67,20 @@ def create_app(
         yield
         backend.close(wait=False)
 
-    app = FastAPI(
+    app = Application(
+        backend,
         title="nurbs-ooc",
         version=_version(),
         description="Hierarchical levels of detail of an assembly of trimmed NURBS. Lengths are mm.",
         lifespan=lifespan,
         max_body_size=BODY_BYTES,
     )
-    app.state.backend = backend
-    app.router.routes.append(tiles.tile_route(backend.tiles))
     for router in ROUTERS:
         app.include_router(router)
     errors.install(app)
-    app.add_middleware(
-        CORSMiddleware,
-        allow_origins=allow_origins,
-        allow_methods=["GET", "HEAD", "POST"],
-        allow_headers=["*"],
-        expose_headers=EXPOSED,
-        max_age=CORS_MAX_AGE_S,
-    )
+    cors.install(app)
     app.add_middleware(CountRequests, metrics=backend.metrics)
-    _describe_raw_routes(app)
     return app
-
-
-def _describe_raw_routes(app: FastAPI) -> None:
-    """Add to the OpenAPI description what the framework cannot see."""
-    derive = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        description = derive()  # kept by the framework: made once
-        description["paths"].setdefault(tiles.PATH, tiles.tile_path_item())
-        return description
-
-    app.openapi = openapi  # type: ignore[method-assign]
 
 
 def _version() -> str:

@@ -3,7 +3,7 @@
 The answer is one frame per hash, in the order of the request, nothing before, between or after::
 
      0  32  the hash, ASCII
-    32   4  u32 little-endian: the status that GET /tiles/{hash} would have answered: 200, 404 or 500
+    32   4  u32 little-endian: the status that GET /tiles/{hash} would have answered: 200, 404, 500 or 503
     36   4  u32 little-endian: n, the bytes that follow (0 unless the status is 200)
     40   n  the tile
 """
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections import deque
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
@@ -23,7 +22,7 @@ from pydantic import BaseModel, Field, StringConstraints
 from nurbs_cache.errors import NurbsOocError
 from nurbs_server.backend import BackendOf
 from nurbs_server.errors import problems, status_of
-from nurbs_server.limits import BATCH_AHEAD, BATCH_TILES
+from nurbs_server.limits import BATCH_CHUNK, BATCH_TILES
 from nurbs_server.responses import BINARY
 from nurbs_server.tile_reader import TileReader
 
@@ -44,7 +43,7 @@ class BatchRequest(BaseModel):
 _DESCRIBED: dict[int | str, dict[str, Any]] = {
     200: {
         "description": (
-            "One frame per hash, in order: 32 bytes hash (ASCII), u32 status (200, 404, 500), u32 length n, "
+            "One frame per hash, in order: 32 bytes hash (ASCII), u32 status (200, 404, 500, 503), u32 length n, "
             "n bytes of the tile; little-endian."
         ),
         "content": {MEDIA_TYPE: BINARY},
@@ -62,26 +61,18 @@ async def batch(wanted: BatchRequest, backend: BackendOf) -> StreamingResponse:
 
 
 async def _frames(tiles: TileReader, hashes: list[str]) -> AsyncIterator[bytes]:
-    """The frames in order, the next few tiles being read while one is sent."""
-    left = iter(hashes)
-    reading: deque[asyncio.Task[bytes]] = deque()
-    try:
-        while True:
-            for tile_hash in left:
-                reading.append(asyncio.create_task(_frame(tiles, tile_hash)))
-                if len(reading) > BATCH_AHEAD:
-                    break
-            if not reading:
-                return
-            yield await reading.popleft()
-    finally:
-        for task in reading:
-            task.cancel()
+    """The frames in order, some to a chunk: what is cold in a chunk is read side by side."""
+    for first in range(0, len(hashes), BATCH_CHUNK):
+        chunk = hashes[first : first + BATCH_CHUNK]
+        found = {name: tiles.warm(name) for name in chunk}
+        cold = [name for name, data in found.items() if data is None]
+        read = await asyncio.gather(*(tiles.load(name) for name in cold), return_exceptions=True)
+        yield b"".join(_frame(name, found[name] or read[cold.index(name)]) for name in chunk)
 
 
-async def _frame(tiles: TileReader, tile_hash: str) -> bytes:
-    try:
-        data, status = await tiles.read(tile_hash), 200
-    except NurbsOocError as error:
-        data, status = b"", status_of(error)
-    return FRAME.pack(tile_hash.encode(), status, len(data)) + data
+def _frame(name: str, tile: bytes | BaseException) -> bytes:
+    if isinstance(tile, bytes):
+        return FRAME.pack(name.encode(), 200, len(tile)) + tile
+    if isinstance(tile, NurbsOocError):
+        return FRAME.pack(name.encode(), status_of(tile), 0)
+    raise tile

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -42,10 +42,10 @@ def status_of(error: NurbsOocError) -> int:
     return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
 
 
-def problem_response(error: NurbsOocError) -> JSONResponse:
+def problem_response(error: NurbsOocError, headers: Mapping[str, str] | None = None) -> JSONResponse:
     """The answer for an error of ours, the same from every route."""
     status = status_of(error)
-    headers = {"Retry-After": "1"} if status == 503 else {}
+    headers = {**(headers or {}), **({"Retry-After": "1"} if status == 503 else {})}
     return JSONResponse(Problem(error=type(error).__name__, detail=str(error)).model_dump(), status, headers)
 
 

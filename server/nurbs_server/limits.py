@@ -11,7 +11,7 @@ TILE_CACHE_BYTES = 128 << 20  # checked tiles kept ready: some 4,000 of the usua
 PART_CACHE_BYTES = 256 << 20  # decoded parts: a viewer asks for many surfaces of one part in a row
 
 BATCH_TILES = 256  # hashes in one batch; at 30 KiB a tile a response of about 8 MiB
-BATCH_AHEAD = 8  # tiles read ahead of the one being sent: this bounds the memory of a batch
+BATCH_CHUNK = 16  # tiles that are read side by side and sent together: bounds the memory of a batch, some 500 KiB
 BODY_BYTES = 64 << 10  # largest request body; a full batch is about 9 KiB
 JSON_ROWS = 10_000  # rows of a table as JSON: meant for people; programs read the raw rows
 CONTENT_HASH_WAIT_S = 2.0  # seconds that /api/scene waits for it: enough for some 500 MB, and for patience

@@ -24,11 +24,21 @@ class Metrics:
             registry=self.registry,
             buckets=BUILD_BUCKETS_S,
         )
+        self._answers: dict[tuple[str, int], tuple[Counter, Counter]] = {}  # finding them again is what costs
         self.hit = self.tile_cache.labels("hit")
         self.miss = self.tile_cache.labels("miss")
 
     def _counter(self, name: str, text: str, *labels: str) -> Counter:
         return Counter(f"nurbs_server_{name}", text, labels, registry=self.registry)
+
+    def count(self, route: str, status: int, n_bytes: int) -> None:
+        """Count an answer and the bytes of its body."""
+        children = self._answers.get((route, status))
+        if children is None:
+            children = self.requests.labels(route, str(status)), self.bytes_sent.labels(route)
+            self._answers[route, status] = children
+        children[0].inc()
+        children[1].inc(n_bytes)
 
     def gauge(self, name: str, text: str) -> Gauge:
         """A further gauge in this registry."""
@@ -60,6 +70,4 @@ class CountRequests:
         try:
             await self.app(scope, receive, listen)
         finally:
-            route = getattr(scope.get("route") or scope.get("endpoint"), "path", "unmatched")
-            self.metrics.requests.labels(route, str(status)).inc()
-            self.metrics.bytes_sent.labels(route).inc(sent)
+            self.metrics.count(getattr(scope.get("route"), "path", "unmatched"), status, sent)

@@ -91,19 +91,26 @@ class OnDemand:
 
     def _look_again(self, row: int) -> str:
         """Another process may have built it since: take over its record."""
-        record = self._store.get_nodes(row, 1)[0]
-        if not record["tile_hash"]:
+        tile_hash = bytes(self._store.get_nodes(row, 1)[0]["tile_hash"]).decode("ascii")
+        if not tile_hash:
             raise ReadOnlyError(f"the tile of node {row} is not built: {self._refusal}")
-        self._index.replace_node(row, record)
-        return bytes(record["tile_hash"]).decode("ascii")
+        self._refresh(row)
+        return tile_hash
 
     def _build_node(self, row: int) -> str:
         assert self._builders is not None
         with self._timed("node"):
             tile_hash, data = self._builders.node(self._store, row)
             self._tiles.keep(tile_hash, data)
-            self._index.replace_node(row, self._store.get_nodes(row, 1)[0])
+            self._refresh(row)
         return tile_hash
+
+    def _refresh(self, row: int) -> None:
+        """Take over the records of a node and of its ancestors, whose errors are never below its own."""
+        while row >= 0:
+            record = self._store.get_nodes(row, 1)[0]
+            self._index.replace_node(row, record)
+            row = int(record["parent"])
 
     def _find_lod(self, surface: int, level: int) -> np.void | None:
         """The stored record, if there is one; refuses a surface that does not exist."""

@@ -106,6 +106,11 @@ class CountingBuilders:
         record["tile_hash"], record["tile_bytes"] = tile_hash(data).encode(), len(data)
         store.put_tiles([(tile_hash(data), data)])
         store.update_nodes([row], record)
+        parent = int(record["parent"][0])
+        if parent >= 0:  # a build may find a larger error, which no ancestor may be below
+            above = store.get_nodes(parent, 1)
+            above["geometric_error"] += 0.125
+            store.update_nodes([parent], above)
         return tile_hash(data), data
 
     def build_lod(self, store: TypedStore, surface: int, level: int) -> tuple[np.void, bytes]:

@@ -133,7 +133,11 @@ def test_a_built_tile_changes_the_index(serve: Serve) -> None:
         assert (await client.get("/api/nodes/1/tile")).status_code == 307
         nodes = await client.get("/api/nodes", headers={"If-None-Match": old["/api/nodes"]})
         assert nodes.status_code == 200
-        assert np.frombuffer(nodes.content, NODE_DTYPE)[1]["tile_bytes"] == len(tile_of(101))
+        rows = np.frombuffer(nodes.content, NODE_DTYPE)
+        assert rows[1]["tile_bytes"] == len(tile_of(101))
+        assert rows[0]["geometric_error"] == 1.125  # the ancestor that the build raised
+        scene = (await client.get("/api/scene")).json()
+        assert scene["roots"][0]["geometric_error"] == 1.125
         items = await client.get("/api/items", headers={"If-None-Match": old["/api/items"]})
         assert items.status_code == 304
 
