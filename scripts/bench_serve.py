@@ -38,7 +38,7 @@ from nurbs_server.app import create_app
 from nurbs_server.batch import FRAME
 from nurbs_server.serve import Server, bind, url_of
 
-N_TILES = 64
+N_TILES = 24
 N_TRIANGLES = 18_000  # some 30 KiB of tile
 N_CONNECTIONS = 16
 

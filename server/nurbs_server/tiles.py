@@ -1,7 +1,7 @@
 """``GET`` and ``HEAD /tiles/{hash}``: bytes that never change, straight from ASGI.
 
-Tiles are nearly all that a client asks for, and the layers of the framework (routing, limits, error and
-CORS handling) cost some eight times what finding and sending a warm tile does. So ``Application``
+Tiles are nearly all that a client asks for, and with the layers of the framework (routing, limits, error
+and CORS handling) a request takes three to four times the time (``scripts/bench_serve.py``). So ``Application``
 answers these paths before the framework sees them; what the layers would have added, the few headers
 for other origins and the counting, is done here.
 

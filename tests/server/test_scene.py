@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import httpx
@@ -11,8 +12,9 @@ import pytest
 from nurbs_cache.node_record import ITEM_DTYPE, NODE_DTYPE
 from nurbs_cache.scene_record import OCCURRENCE_DTYPE
 from nurbs_cache.store import Store
+from nurbs_server.app import create_app
 from nurbs_server.limits import JSON_ROWS
-from tests.server.small_cache import IDENTITY, Serve, tile_of
+from tests.server.small_cache import IDENTITY, Serve, client_of, tile_of
 
 JSON = {"Accept": "application/json"}
 
@@ -164,5 +166,32 @@ def test_json_is_bounded(small_cache: Path, serve: Serve) -> None:
         assert (await client.get("/api/items", headers=JSON)).status_code == 422
         assert len((await client.get("/api/items")).content) == (JSON_ROWS + 1) * ITEM_DTYPE.itemsize
         assert len((await client.get(f"/api/items?count={JSON_ROWS}", headers=JSON)).json()) == JSON_ROWS
+
+    serve(test)
+
+
+def test_a_cache_without_a_tree(cache_path: Path) -> None:
+    async def main(store: Store) -> None:
+        async with client_of(create_app(store)) as client:
+            scene = (await client.get("/api/scene")).json()
+            assert (scene["roots"], scene["n_nodes"], scene["products"]) == ([], 0, [])
+            for table in ("nodes", "items", "occurrences"):
+                assert (await client.get(f"/api/{table}")).content == b""
+            assert (await client.get("/api/nodes?root=0")).status_code == 422
+            assert (await client.get("/api/nodes/0/tile")).status_code == 404
+            assert (await client.get("/api/surfaces/0")).status_code == 404
+
+    with Store.create(cache_path) as store:
+        asyncio.run(main(store))
+
+
+def test_a_damaged_cache_is_served_without_its_hash(small_cache: Path, serve: Serve) -> None:
+    with Store.open(small_cache, read_only=False) as store:
+        store.delete_many("tiles", list(store.scan_keys("tiles"))[:1])
+
+    async def test(client: httpx.AsyncClient) -> None:
+        answer = await client.get("/api/scene")
+        assert (answer.status_code, answer.json()["content_hash"]) == (200, None)
+        assert len(answer.json()["roots"]) == 2
 
     serve(test)
