@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numba
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
 
-CONTIGUOUS = ["C", "A", "W"]
+CONTIGUOUS: tuple[Literal["C"], Literal["A"], Literal["W"]] = ("C", "A", "W")
 MAX_DEGREE = 30  # scratch arrays are sized by it; the reader refuses more
 
 
