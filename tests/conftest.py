@@ -50,3 +50,22 @@ def example_file(repository: Path) -> Path:
 def cache_path(tmp_path: Path) -> Path:
     """A path in a fresh folder where a cache may be made."""
     return tmp_path / "cache"
+
+
+@pytest.fixture(scope="session")
+def small_step(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """STEP file of a block of 20 x 20 x 10 mm with a through hole of radius 5, and a ball of radius 4 above it."""
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeSphere
+    from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+    from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+
+    block = BRepPrimAPI_MakeBox(20.0, 20.0, 10.0).Shape()
+    hole = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(10.0, 10.0, -1.0), gp_Dir(0.0, 0.0, 1.0)), 5.0, 12.0).Shape()
+    ball = BRepPrimAPI_MakeSphere(gp_Pnt(10.0, 10.0, 30.0), 4.0).Shape()
+    writer = STEPControl_Writer()
+    for shape in (BRepAlgoAPI_Cut(block, hole).Shape(), ball):
+        writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    path = tmp_path_factory.mktemp("step") / "small.step"
+    writer.Write(str(path))
+    return path
