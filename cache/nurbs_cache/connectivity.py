@@ -33,14 +33,14 @@ _NOBODY = 0xFFFFFFFF
 
 
 def encode_triangles(
-    triangles: npt.NDArray[np.uint32], labels: npt.NDArray[np.int32], predictors: npt.NDArray[np.int32]
+    triangles: npt.NDArray[np.uint32], labels: npt.NDArray[np.int32], predictors: npt.NDArray[np.uint32]
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], int]:
     """Code triangles, number their vertices by first use and say what each is predicted from.
 
     Args:
         triangles: (t, 3) uint32, in order; corners differ.
         labels: (n,) int32, -1 on entry; on return the new number of every vertex used.
-        predictors: (n, 3) int32; on return rows (a, b, d) in new numbers, a = b = d for a plain difference.
+        predictors: (n, 3) uint32; on return rows (a, b, d) in new numbers, a = b = d for a plain difference.
 
     Returns:
         (t,) codes, (e,) extra bytes, number of vertices used.
@@ -52,7 +52,7 @@ def encode_triangles(
 
 
 def decode_triangles(
-    codes: npt.NDArray[np.uint8], extras: npt.NDArray[np.uint8], n_vertices: int, predictors: npt.NDArray[np.int32]
+    codes: npt.NDArray[np.uint8], extras: npt.NDArray[np.uint8], n_vertices: int, predictors: npt.NDArray[np.uint32]
 ) -> tuple[npt.NDArray[np.uint32], int]:
     """Inverse of ``encode_triangles``: (t, 3) uint32 triangles, and the number of vertices they use.
 
@@ -184,6 +184,24 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
     return at, n_used
 
 
+@helper
+def _decode_vertex(code, extras, at, n_used, far, ring, ring_head):  # type: ignore[no-untyped-def]
+    """(vertex, where to go on, vertices used, last far vertex, ring head); a vertex >= n_used is not there."""
+    if code == _NEW:
+        vertex = n_used
+        n_used += 1
+    elif code < _NEXT:
+        return ring[(ring_head - code) & 15], at, n_used, far, ring_head
+    else:
+        difference = np.int64(1)
+        if code == _FAR:
+            difference, at = _read_number(extras, at)
+        vertex = far + difference
+        far = vertex
+    ring[ring_head & 15] = vertex
+    return vertex, at, n_used, far, ring_head + 1
+
+
 @kernel
 def _decode(codes, extras, n_extras, n_vertices, triangles, predictors):  # type: ignore[no-untyped-def]
     """Number of vertices used, or -1."""
@@ -191,64 +209,58 @@ def _decode(codes, extras, n_extras, n_vertices, triangles, predictors):  # type
     second = np.full(_RING, np.int64(_NOBODY))
     across = np.zeros(_RING, np.int64)
     ring = np.full(_RING, np.int64(_NOBODY))
-    corner = np.empty(3, np.int64)
-    edge_head, ring_head, n_used, at = 0, 0, 0, 0
+    edge_head, ring_head, at = 0, 0, 0
+    n_used = np.int64(0)
     far = np.int64(-1)
     for t in range(codes.shape[0]):
-        if at > n_extras:
-            return -1
         slot = np.int64(codes[t]) >> 4
-        packed = np.int64(codes[t]) & 15
-        n_coded = 1
-        opposite = np.int64(0)
+        code = np.int64(codes[t]) & 15
+        before = n_used
         if slot < _NO_EDGE:
+            # two corners from an edge, the third coded
             edge = (edge_head - 1 - slot) & 15
-            corner[0] = first[edge]
-            corner[1] = second[edge]
-            opposite = across[edge]
-            if corner[0] >= n_used:
-                return -1
-        else:
-            n_coded = 3
-            packed = packed << 8 | np.int64(extras[at])
-            at += 1
-        for k in range(3 - n_coded, 3):
-            code = packed >> (4 * (2 - k)) & 15
+            a = first[edge]
+            b = second[edge]
+            d = across[edge]
             if code == _NEW:
-                vertex = np.int64(n_used)
-                if vertex >= n_vertices:
+                if n_used >= n_vertices:
                     return -1
+                c = n_used
                 n_used += 1
-                if n_coded == 1:
-                    predictors[vertex, 0] = corner[0]
-                    predictors[vertex, 1] = corner[1]
-                    predictors[vertex, 2] = opposite
-                else:
-                    predictors[vertex, :] = corner[k - 1] if k > 0 else max(vertex - 1, 0)
-            elif code < _NEXT:
-                vertex = ring[(ring_head - code) & 15]
-            elif code == _NEXT:
-                vertex = far + 1
-            else:
-                difference, at = _read_number(extras, at)
-                vertex = far + difference
-            if vertex < 0 or vertex >= n_used:
-                return -1
-            if code >= _NEXT:
-                far = vertex
-            if code == _NEW or code >= _NEXT:
-                ring[ring_head & 15] = vertex
+                ring[ring_head & 15] = c
                 ring_head += 1
-            corner[k] = vertex
-        a, b, c = corner[0], corner[1], corner[2]
-        triangles[t, 0] = a
-        triangles[t, 1] = b
-        triangles[t, 2] = c
-        if n_coded == 3:
+                predictors[c, 0] = a
+                predictors[c, 1] = b
+                predictors[c, 2] = d
+            elif code < _NEXT:
+                c = ring[(ring_head - code) & 15]
+            else:
+                c, at, n_used, far, ring_head = _decode_vertex(code, extras, at, n_used, far, ring, ring_head)
+        else:
+            # three corners coded; a new one is predicted from the corner or the vertex before
+            pair = np.int64(extras[at])
+            a, at, n_used, far, ring_head = _decode_vertex(code, extras, at + 1, n_used, far, ring, ring_head)
+            middle = n_used
+            b, at, n_used, far, ring_head = _decode_vertex(pair >> 4, extras, at, n_used, far, ring, ring_head)
+            last = n_used
+            c, at, n_used, far, ring_head = _decode_vertex(pair & 15, extras, at, n_used, far, ring, ring_head)
+            if n_used > n_vertices:
+                return -1
+            if middle > before:
+                predictors[before, :] = max(before - 1, 0)
+            if last > middle:
+                predictors[middle, :] = a
+            if n_used > last:
+                predictors[last, :] = b
             first[edge_head & 15] = b
             second[edge_head & 15] = a
             across[edge_head & 15] = c
             edge_head += 1
+        if min(a, b, c) < 0 or max(a, b, c) >= n_used or at > n_extras:
+            return -1
+        triangles[t, 0] = a
+        triangles[t, 1] = b
+        triangles[t, 2] = c
         first[edge_head & 15] = c
         second[edge_head & 15] = b
         across[edge_head & 15] = a

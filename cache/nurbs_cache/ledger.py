@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from nurbs_cache.errors import CorruptRecordError, UsageError
 
+_NAMES = ("surface", "trim", "pcurve", "cluster", "quantisation", "float32")
 _ROUND_UP = 1.0 + 2.0**-50  # above the rounding of a float64 sum of six terms, in any order
 
 
@@ -35,28 +36,32 @@ class Ledger:
     SIZE: ClassVar[int] = 48
 
     def __post_init__(self) -> None:
-        for name, value in self.as_dict().items():
-            if not (math.isfinite(value) and value >= 0.0):
+        for name, value in zip(_NAMES, self.terms, strict=True):
+            if not 0.0 <= value < math.inf:
                 raise UsageError(f"ledger: {name} is {value}, want a finite length >= 0 mm")
 
     def as_dict(self) -> dict[str, float]:
         """The six terms by name, mm."""
-        return {f.name: float(getattr(self, f.name)) for f in fields(self)}
+        return {name: float(value) for name, value in zip(_NAMES, self.terms, strict=True)}
+
+    @property
+    def terms(self) -> tuple[float, float, float, float, float, float]:
+        """The six terms in order, mm."""
+        return self.surface, self.trim, self.pcurve, self.cluster, self.quantisation, self.float32
 
     @property
     def total(self) -> float:
         """Sum of the terms, mm, rounded up: no float64 sum of them, in any order, is larger."""
-        terms = [term for term in self.as_dict().values() if term > 0.0]
+        terms = [term for term in self.terms if term > 0.0]
         return terms[0] if len(terms) == 1 else math.fsum(terms) * _ROUND_UP
 
     def merge(self, other: Ledger) -> Ledger:
         """The ledger of both together: the larger of each term."""
-        mine, others = self.as_dict(), other.as_dict()
-        return Ledger(**{name: max(mine[name], others[name]) for name in mine})
+        return Ledger(*map(max, self.terms, other.terms))
 
     def to_bytes(self) -> bytes:
         """48 bytes: the terms in order as little-endian float64."""
-        return struct.pack("<6d", *self.as_dict().values())
+        return struct.pack("<6d", *self.terms)
 
     @classmethod
     def from_bytes(cls, data: bytes | memoryview) -> Self:

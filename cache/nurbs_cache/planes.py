@@ -25,7 +25,7 @@ Bytes = npt.NDArray[np.uint8]
 def encode_positions(
     steps: npt.NDArray[np.int32],
     order: npt.NDArray[np.int32],
-    predictors: npt.NDArray[np.int32],
+    predictors: npt.NDArray[np.uint32],
     extent: tuple[int, int, int],
 ) -> Bytes:
     """(n_planes, 3, n) bytes of positions; vertex i is row ``order[i]`` of the (., 3) int32 ``steps``."""
@@ -35,7 +35,7 @@ def encode_positions(
 
 
 def decode_positions(
-    planes: Bytes, predictors: npt.NDArray[np.int32], extent: tuple[int, int, int], step: float
+    planes: Bytes, predictors: npt.NDArray[np.uint32], extent: tuple[int, int, int], step: float
 ) -> npt.NDArray[np.float32]:
     """Inverse of ``encode_positions``: (n, 3) float32 mm from the grid's origin, exact.
 
@@ -43,13 +43,13 @@ def decode_positions(
         CorruptRecordError: a position lies outside the grid.
     """
     positions = np.empty((planes.shape[2], 3), np.float32)
-    if not _unfold_positions(planes, predictors, extent[0], extent[1], extent[2], step, positions):
+    if len(positions) and not _unfold_positions(planes, predictors, extent[0], extent[1], extent[2], step, positions):
         raise CorruptRecordError("tile: a position lies outside its box")
     return positions
 
 
 def encode_normals(
-    octahedral: npt.NDArray[np.int32], order: npt.NDArray[np.int32], predictors: npt.NDArray[np.int32], bits: int
+    octahedral: npt.NDArray[np.int32], order: npt.NDArray[np.int32], predictors: npt.NDArray[np.uint32], bits: int
 ) -> Bytes:
     """(n_planes, 2, n) bytes of octahedral coordinates of ``bits`` bits."""
     folded = np.empty((2, len(order)), np.uint32)
@@ -57,10 +57,11 @@ def encode_normals(
     return _split(folded, int(widest))
 
 
-def decode_normals(planes: Bytes, predictors: npt.NDArray[np.int32], bits: int) -> npt.NDArray[np.float32]:
+def decode_normals(planes: Bytes, predictors: npt.NDArray[np.uint32], bits: int) -> npt.NDArray[np.float32]:
     """Inverse of ``encode_normals``: (n, 3) float32 unit vectors, never NaN."""
     normals = np.empty((planes.shape[2], 3), np.float32)
-    _unfold_octahedral(planes, predictors, bits, np.empty((planes.shape[2], 2), np.int32), normals)
+    if len(normals):
+        _unfold_octahedral(planes, predictors, bits, np.empty((2, planes.shape[2]), np.int32), normals)
     return normals
 
 
@@ -76,8 +77,8 @@ def decode_numbers(stream: Bytes, count: int, expected_step: int, limit: int, wh
     Raises:
         CorruptRecordError: too short, too long, or a number is out of range.
     """
-    numbers = np.empty(count, np.uint32)
-    if not _read_numbers(stream, expected_step, limit, numbers):
+    numbers = np.empty(count if count <= len(stream) else 0, np.uint32)
+    if len(numbers) != count or not _read_numbers(stream, expected_step, limit, numbers):
         raise CorruptRecordError(f"tile: the numbers of its {what} are damaged or not below {limit}")
     return numbers
 
@@ -96,12 +97,15 @@ def _zigzag(value):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _joined(planes, k, i):  # type: ignore[no-untyped-def]
-    """The signed number whose folded bytes lie in the planes."""
-    folded = np.int32(planes[0, k, i])
+def _join(planes, k, folded):  # type: ignore[no-untyped-def]
+    """The signed numbers whose folded bytes lie in the planes of coordinate k."""
+    for i in range(folded.shape[0]):
+        folded[i] = planes[0, k, i]
     for p in range(1, planes.shape[0]):
-        folded |= np.int32(planes[p, k, i]) << (8 * p)
-    return (folded >> 1) ^ -(folded & 1)
+        for i in range(folded.shape[0]):
+            folded[i] |= np.int32(planes[p, k, i]) << np.int32(8 * p)
+    for i in range(folded.shape[0]):
+        folded[i] = (folded[i] >> 1) ^ -(folded[i] & 1)
 
 
 @kernel
@@ -135,21 +139,23 @@ def _fold_positions(steps, order, predictors, extent_x, extent_y, extent_z, fold
 def _unfold_positions(planes, predictors, extent_x, extent_y, extent_z, step, positions):  # type: ignore[no-untyped-def]
     """False if a position lies outside the extent. Exact: fewer than 24 bits times a power of two."""
     n = positions.shape[0]
-    current = np.empty((n, 3), np.int32)
-    n_outside = 0
+    current = np.empty((3, n), np.int32)
+    for k in range(3):
+        _join(planes, k, current[k])
+    outside = np.int32(0)  # its sign bit is set once a position is below 0 or above the extent
+    for k in range(3):
+        extent = np.int32(extent_x if k == 0 else (extent_y if k == 1 else extent_z))
+        line = current[k]
+        outside |= line[0] | (extent - line[0])
+        for i in range(1, n):
+            guess = line[predictors[i, 0]] + line[predictors[i, 1]] - line[predictors[i, 2]]
+            value = np.int32(min(max(guess, 0), extent) + line[i])
+            outside |= value | (extent - value)
+            line[i] = value
     for i in range(n):
-        a, b, d = predictors[i, 0], predictors[i, 1], predictors[i, 2]
         for k in range(3):
-            extent = extent_x if k == 0 else (extent_y if k == 1 else extent_z)
-            guess = np.int32(0)
-            if i > 0:
-                guess = np.int32(min(max(current[a, k] + current[b, k] - current[d, k], 0), extent))
-            value = np.int32(guess + _joined(planes, k, i))
-            if value < 0 or value > extent:
-                n_outside += 1
-            current[i, k] = value
-            positions[i, k] = np.float32(value * step)
-    return n_outside == 0
+            positions[i, k] = np.float32(current[k, i] * step)
+    return outside >= 0
 
 
 @kernel
@@ -178,16 +184,16 @@ def _unfold_octahedral(planes, predictors, bits, current, normals):  # type: ign
     scale = np.float32(1.0) / np.float32(half)
     one = np.float32(1.0)
     n = normals.shape[0]
+    for k in range(2):
+        line = current[k]
+        _join(planes, k, line)
+        line[0] &= mask
+        for i in range(1, n):
+            guess = line[predictors[i, 0]] + line[predictors[i, 1]] - line[predictors[i, 2]]
+            line[i] = np.int32(guess + line[i]) & mask
     for i in range(n):
-        a, b, d = predictors[i, 0], predictors[i, 1], predictors[i, 2]
-        for k in range(2):
-            guess = np.int32(0)
-            if i > 0:
-                guess = np.int32(current[a, k] + current[b, k] - current[d, k])
-            current[i, k] = (guess + _joined(planes, k, i)) & mask
-    for i in range(n):
-        x = np.float32(current[i, 0] - half) * scale
-        y = np.float32(current[i, 1] - half) * scale
+        x = np.float32(current[0, i] - half) * scale
+        y = np.float32(current[1, i] - half) * scale
         z = one - abs(x) - abs(y)
         under = max(-z, np.float32(0.0))
         x -= np.copysign(under, x)

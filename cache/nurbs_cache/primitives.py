@@ -50,7 +50,7 @@ class Ordered(NamedTuple):
         codes, extras: the triangles, see ``connectivity``.
         lines: (l, 2); points: (p,).
         order: (n,) int32: old number of every new one.
-        predictors: (n, 3) int32 new numbers a, b, d of the guess a + b - d.
+        predictors: (n, 3) uint32 new numbers a, b, d of the guess a + b - d.
     """
 
     codes: npt.NDArray[np.uint8]
@@ -58,13 +58,13 @@ class Ordered(NamedTuple):
     lines: Indices
     points: Indices
     order: npt.NDArray[np.int32]
-    predictors: npt.NDArray[np.int32]
+    predictors: npt.NDArray[np.uint32]
 
 
 def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: Indices) -> Ordered:
     """Number vertices by first use in triangles, lines, points; unused ones are left out."""
     labels = np.full(n_vertices, -1, np.int32)
-    predictors = np.empty((n_vertices, 3), np.int32)
+    predictors = np.empty((n_vertices, 3), np.uint32)
     codes, extras, n_predicted = encode_triangles(triangles, labels, predictors)
     new_lines, new_points = np.empty_like(lines), np.empty_like(points)
     n_used = _relabel(lines.reshape(-1), labels, n_predicted, new_lines.reshape(-1))
@@ -75,7 +75,7 @@ def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: 
     return Ordered(codes, extras, new_lines, new_points, order, predictors[:n_used])
 
 
-def chain_predictors(predictors: npt.NDArray[np.int32], first: int) -> None:
+def chain_predictors(predictors: npt.NDArray[np.uint32], first: int) -> None:
     """From row ``first`` on, predict each vertex from the one before."""
     _chain(predictors, first)
 
@@ -111,30 +111,35 @@ def _first_of_each(rows: Indices, names: npt.NDArray[np.int64]) -> Indices:
 
 
 @helper
-def _same(steps, a, b):  # type: ignore[no-untyped-def]
-    return steps[a, 0] == steps[b, 0] and steps[a, 1] == steps[b, 1] and steps[a, 2] == steps[b, 2]
+def _apart(steps, a, b):  # type: ignore[no-untyped-def]
+    """0 if both lie on one grid point; without branches, since which coordinate differs is unpredictable."""
+    return (steps[a, 0] ^ steps[b, 0]) | (steps[a, 1] ^ steps[b, 1]) | (steps[a, 2] ^ steps[b, 2])
+
+
+@helper
+def _largest(indices):  # type: ignore[no-untyped-def]
+    largest = np.uint32(0)
+    for index in indices:
+        largest = max(largest, index)
+    return largest
 
 
 @kernel
 def _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines):  # type: ignore[no-untyped-def]
     """Number of degenerate primitives, or -1 if an index is out of range."""
-    n = steps.shape[0]
+    n_indices = triangles.size + lines.size + points.size
+    largest = max(_largest(triangles.reshape(-1)), _largest(lines.reshape(-1)), _largest(points))
+    if n_indices > 0 and largest >= steps.shape[0]:
+        return -1
     n_flat = 0
     for t in range(triangles.shape[0]):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        if a >= n or b >= n or c >= n:
-            return -1
-        flat_triangles[t] = _same(steps, a, b) or _same(steps, b, c) or _same(steps, c, a)
-        n_flat += flat_triangles[t]
+        flat = (_apart(steps, a, b) == 0) | (_apart(steps, b, c) == 0) | (_apart(steps, c, a) == 0)
+        flat_triangles[t] = flat
+        n_flat += flat
     for i in range(lines.shape[0]):
-        a, b = lines[i, 0], lines[i, 1]
-        if a >= n or b >= n:
-            return -1
-        flat_lines[i] = _same(steps, a, b)
+        flat_lines[i] = _apart(steps, lines[i, 0], lines[i, 1]) == 0
         n_flat += flat_lines[i]
-    for p in points:
-        if p >= n:
-            return -1
     return n_flat
 
 

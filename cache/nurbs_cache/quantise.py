@@ -71,9 +71,10 @@ def choose_grid(lower: npt.ArrayLike, upper: npt.ArrayLike, bits: int, min_expon
     """
     if not MIN_POSITION_BITS <= bits <= MAX_POSITION_BITS:
         raise UsageError(f"{bits} bits a position, want {MIN_POSITION_BITS} to {MAX_POSITION_BITS}")
-    low, high = [float(x) for x in np.asarray(lower)], [float(x) for x in np.asarray(upper)]
+    low: list[float] = np.asarray(lower, np.float64).tolist()
+    high: list[float] = np.asarray(upper, np.float64).tolist()
     largest = max(max(map(abs, low)), max(map(abs, high)))
-    if not largest <= MAX_COORDINATE or not all(map(math.isfinite, low + high)):
+    if not (largest <= MAX_COORDINATE and all(map(math.isfinite, low + high))):
         raise UsageError(f"positions from {low} to {high} mm: want finite numbers up to {MAX_COORDINATE:.3g}")
     # rounding both ends can add one step to the extent
     exponent = _exponent_above(max(b - a for a, b in zip(low, high, strict=True)) / (2**bits - 2))
@@ -186,21 +187,28 @@ def _quantise(positions, inverse_step, base_x, base_y, base_z, steps):  # type: 
 
 @kernel
 def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
+    """Row of a normal that is not finite, or -1."""
+    one = np.float32(1.0)
+    scale = np.float32(half)
+    tiny = np.float32(1e-30)  # shorter ones count as zero vectors
+    bad = np.float32(0.0)
     for i in range(normals.shape[0]):
-        x = np.float64(normals[i, 0])
-        y = np.float64(normals[i, 1])
-        z = np.float64(normals[i, 2])
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         total = abs(x) + abs(y) + abs(z)
-        if not total < np.inf:
-            return i
-        if total == 0.0:
-            total = np.float64(1.0)
-        u = x / total
-        v = y / total
-        if z < 0.0:
-            folded = np.copysign(1.0 - abs(v), u)
-            v = np.copysign(1.0 - abs(u), v)
-            u = folded
-        octahedral[i, 0] = np.int32(np.rint(u * half)) + half
-        octahedral[i, 1] = np.int32(np.rint(v * half)) + half
+        bad += total - total  # NaN from here on if a coordinate is not finite
+        inverse = one / (total if total > tiny else one)
+        u = x * inverse
+        v = y * inverse
+        fold = z < np.float32(0.0)
+        folded_u = np.copysign(one - abs(v), u)
+        folded_v = np.copysign(one - abs(u), v)
+        u = folded_u if fold else u
+        v = folded_v if fold else v
+        octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
+        octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
+    if bad != 0.0:
+        for i in range(normals.shape[0]):
+            total = abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2])
+            if total - total != 0.0:
+                return i
     return -1

@@ -197,7 +197,9 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
     """
     head, streams = _parse(data)
     n = head.n_vertices
-    predictors = np.empty((n, 3), np.int32)
+    position_planes = _planes(streams, POSITIONS, 3, n)
+    normal_planes = _planes(streams, NORMALS, 2, n)
+    predictors = np.empty((n, 3), np.uint32)
     codes = streams.get(CODES, _ABSENT).decode()
     if len(codes) != head.n_triangles:
         raise CorruptRecordError(f"tile: {len(codes)} triangle codes, its header says {head.n_triangles}")
@@ -205,8 +207,6 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
     chain_predictors(predictors, n_used)
     lines = decode_numbers(streams.get(LINES, _ABSENT).decode(), 2 * head.n_lines, 0, n, "lines")
     points = decode_numbers(streams.get(POINTS, _ABSENT).decode(), head.n_points, 1, n, "points")
-    position_planes = _planes(streams, POSITIONS, 3, n)
-    normal_planes = _planes(streams, NORMALS, 2, n)
     grid = head.grid
     origin = np.array(grid.origin)
     return DecodedTile(
