@@ -40,7 +40,7 @@ _PAUSE_S = 0.02
 
 _registry: dict[tuple[int, int], Environment] = {}
 _registry_lock = threading.RLock()
-_left_by_fork: list[object] = []  # the parent's environments: not to be touched, so not to be finalised
+_left_by_fork: list[Environment] = []  # the parent's environments, kept from being finalised
 
 
 class Environment:
@@ -65,6 +65,7 @@ class Environment:
         except CacheError:
             self.env.close()
             raise
+        self.identity = _identity(path)
 
     @contextmanager
     def reading(self) -> Iterator[lmdb.Transaction]:
@@ -130,7 +131,7 @@ class Environment:
         with _registry_lock:
             self.users -= 1
             if self.users == 0:
-                _registry.pop(_identity(self.path, self), None)
+                _registry.pop(self.identity, None)
                 with self._closing():
                     self.env.close()
 
@@ -212,8 +213,9 @@ def shared(path: Path) -> Environment:
         environment = _registry.get(_identity(path))
         if environment is None:
             _check_whole_patiently(data)
+            _close_left_by_fork(_identity(path))
             environment = Environment(path, create=False, map_bytes=0)
-            _registry[_identity(path)] = environment
+            _registry[environment.identity] = environment
         environment.users += 1
         return environment
 
@@ -240,7 +242,7 @@ def created(path: Path, *, map_bytes: int = FIRST_MAP_BYTES) -> Environment:
             raise
         environment.take_lock(lock)
         environment.users = 1
-        _registry[_identity(path)] = environment
+        _registry[environment.identity] = environment
         return environment
 
 
@@ -315,15 +317,17 @@ def _make_folder(path: Path) -> None:
         raise CacheError(f"{path}: not empty and not a nurbs-ooc cache: it holds {foreign[0]!r}")
 
 
-def _identity(path: Path, environment: Environment | None = None) -> tuple[int, int]:
+def _identity(path: Path) -> tuple[int, int]:
     """Device and inode of the data file: another file under the same name is another environment."""
-    if environment is not None:
-        for key, value in _registry.items():
-            if value is environment:
-                return key
-        return (-1, -1)
     status = (path / DATA_FILE).stat()
     return status.st_dev, status.st_ino
+
+
+def _close_left_by_fork(identity: tuple[int, int]) -> None:
+    """Close the copy that a fork left here: LMDB opens a file once, and a closed copy is the parent's no less."""
+    for environment in [left for left in _left_by_fork if left.identity == identity]:
+        environment.env.close()
+        _left_by_fork.remove(environment)
 
 
 def _forget_after_fork() -> None:
