@@ -129,7 +129,7 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
         slot, turn = _NO_EDGE, 0
         for s in range(_NO_EDGE):
             edge = edges[(edge_head - 1 - s) & 15]
-            if edge == key0 or edge == key1 or edge == key2:  # noqa: SIM109 (no tuples in a hot loop)
+            if edge == key0 or edge == key1 or edge == key2:
                 slot = s
                 turn = 0 if edge == key0 else (1 if edge == key1 else 2)
                 break

@@ -7,24 +7,25 @@ import numpy.typing as npt
 import zstandard
 
 from nurbs_cache.errors import CorruptRecordError, UsageError
+from nurbs_cache.huffman import decode_huffman, encode_huffman
 from nurbs_cache.record import compressor, decompressor
 
-PLAIN, ZSTD = 0, 1
+PLAIN, ZSTD, HUFFMAN = 0, 1, 2
 ZSTD_LEVEL = 3
 _SMALL = 24  # bytes; shorter streams never shrink
 
 Bytes = npt.NDArray[np.uint8]
-CODECS = {"zstd": ZSTD, "plain": PLAIN}
+CODECS = {"zstd": ZSTD, "huffman": HUFFMAN, "plain": PLAIN}
 
 
 def encode_stream(stream: Bytes, codec: str) -> tuple[int, bytes]:
     """Number of the coder used, and the coded bytes."""
     if codec not in CODECS:
         raise UsageError(f"codec {codec!r} is not one of {', '.join(CODECS)}")
-    if codec == "zstd" and stream.size > _SMALL:
-        coded = compressor(ZSTD_LEVEL).compress(stream.data)
+    if codec != "plain" and stream.size > _SMALL:
+        coded = compressor(ZSTD_LEVEL).compress(stream.data) if codec == "zstd" else encode_huffman(stream)
         if len(coded) < stream.size:
-            return ZSTD, coded
+            return CODECS[codec], coded
     return PLAIN, stream.tobytes()
 
 
@@ -38,6 +39,8 @@ def decode_stream(coded: memoryview, codec: int, length: int) -> Bytes:
         stream = np.frombuffer(coded, np.uint8)
     elif codec == ZSTD:
         stream = _decode_zstd(coded, length)
+    elif codec == HUFFMAN:
+        stream = decode_huffman(coded, length)
     else:
         raise CorruptRecordError(f"tile: unknown entropy coder {codec}")
     if len(stream) != length:

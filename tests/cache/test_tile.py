@@ -17,7 +17,7 @@ from nurbs_cache.quantise import normal_error_deg
 from nurbs_cache.tile import DecodedTile, TileContent, check_tile, decode_tile, encode_tile, tile_hash, tile_ledger
 from tests.cache.makers import content, wavy_grid
 
-CODECS = ["zstd", "plain"]
+CODECS = ["zstd", "huffman", "plain"]
 
 
 @st.composite
