@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -113,18 +114,22 @@ class CurveForm:
     def point(self, t: float) -> Array:
         """(dim,) point at parameter ``t``."""
         if self.kind == CurveKind.NURBS:
+            if t <= self.knots[0]:
+                return _project(self.points[0], self.rational)
+            if t >= self.knots[-1]:
+                return _project(self.points[-1], self.rational)
             return _project(bspline_basis(self.knots, self.degree, t) @ self.points, self.rational)
         c, a, b = self.points
         if self.kind == CurveKind.ELLIPSE:
             return np.asarray(c + np.cos(t) * a + np.sin(t) * b)
         return np.asarray(c + np.cosh(t) * a + np.sinh(t) * b)
 
-    @property
+    @cached_property
     def start(self) -> Array:
         """(dim,) point at t0."""
         return self.point(self.t0)
 
-    @property
+    @cached_property
     def end(self) -> Array:
         """(dim,) point at t1."""
         return self.point(self.t1)
@@ -161,21 +166,22 @@ class CurveForm:
         elif self.kind == CurveKind.HYPERBOLA:
             rows = np.array([self.point(t) for t in np.linspace(self.t0, self.t1, 65)])
         else:
-            rows = _project(self._used_points(), self.rational)
+            rows = self.polygon()
         return rows.min(axis=0), rows.max(axis=0)
 
-    def _used_points(self) -> Array:
-        """Control points of the spans that t0..t1 touches; the end points themselves for a line."""
-        if self.degree == 1 and len(self.points) == 2:
-            return np.array([_with_weight(self.start, self.rational), _with_weight(self.end, self.rational)])
+    def polygon(self) -> Array:
+        """(n, dim) points near the used range, from one end to the other.
+
+        The control points of its spans, its ends if straight, chords of a conic.
+        """
+        if self.kind != CurveKind.NURBS:
+            return np.array([self.point(t) for t in np.linspace(self.t0, self.t1, 17)])
+        if len(self.points) == 2:
+            return np.array([self.start, self.end])
         n = len(self.points)
         first = min(max(int(np.searchsorted(self.knots, self.t0, side="right")) - 1, self.degree), n - 1)
         last = min(max(int(np.searchsorted(self.knots, self.t1, side="left")) - 1, first), n - 1)
-        return self.points[first - self.degree : last + 1]
-
-
-def _with_weight(point: Array, rational: bool) -> Array:
-    return np.append(point, 1.0) if rational else point
+        return _project(self.points[first - self.degree : last + 1], self.rational)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from OCP.GeomConvert import GeomConvert_ApproxCurve
 
 from nurbs_cache.surface_record import CurveKind, FaceReason
 from nurbs_ooc.geometry.forms import Array, CurveForm, homogeneous
+from nurbs_ooc.readers import kernel_arrays
 from nurbs_ooc.readers.clamping import clamp, unroll
 from nurbs_ooc.readers.refusal import FaceRefusedError, require_finite, require_weights
 
@@ -79,9 +80,10 @@ def _trimmed(curve: Any, t0: float, t1: float) -> CurveForm:
 
 
 def _points(curve: Any) -> tuple[Array, bool]:
-    points = np.array([p.Coord() for p in curve.Poles()])
+    points = kernel_arrays.points(curve.Poles())
     if not curve.IsRational():
         return points, False
+    # not Weights(): the binding frees the curve's own array
     weights = np.array([curve.Weight(i + 1) for i in range(len(points))])
     require_weights(weights)
     return homogeneous(points, weights)
@@ -104,7 +106,7 @@ def _bspline(curve: Any, t0: float, t1: float) -> CurveForm:
         curve = curve.Copy()
         curve.SetNotPeriodic()
     points, rational = _points(curve)
-    degree, knots = curve.Degree(), np.array(list(curve.KnotSequence()))
+    degree, knots = curve.Degree(), kernel_arrays.numbers(curve.KnotSequence())
     knots, points = clamp(knots, degree, points)
     if periodic:
         knots, points = unroll(knots, degree, points, t0, t1)

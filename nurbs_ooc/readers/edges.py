@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import dist
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,23 @@ from OCP.TopoDS import TopoDS
 
 from nurbs_cache.surface_record import FaceReason
 from nurbs_ooc.geometry.builder import BatchBuilder
-from nurbs_ooc.geometry.forms import CurveForm
+from nurbs_ooc.geometry.forms import Array, CurveForm
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.refusal import FaceRefusedError
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
+LEAST_MISS = 1e-3  # mm; below this no edge is looked at more closely
+MISSED_SHARE = 0.05  # of an edge's length: a curve that ends further from its vertex is bridged
 
 
 class EdgeTable:
     """Gives each topological edge and vertex of the part its row in the builder.
+
+    Some files name a curve for an edge that lies far from the edge's vertices, though the vertices fit
+    the neighbouring edges. Such an edge is recorded as the straight line between its vertices and its
+    row is in ``broken``: its p-curves are as wrong and have to be made anew. A curve that misses only
+    one of its vertices keeps its own end, and a straight bridge goes on from there to the vertex; all
+    faces at the edge share the bridge.
 
     Args:
         builder: takes the records in the order of first use.
@@ -36,6 +45,10 @@ class EdgeTable:
         self._vertex_rows: list[int] = []
         self._tolerances: dict[int, float] = {}
         self._ends: dict[int, tuple[int, int]] = {}
+        self._points: dict[int, tuple[float, ...]] = {}
+        self._bridges: dict[tuple[int, int], int] = {}
+        self._joins: dict[tuple[int, int], int] = {}
+        self.broken: set[int] = set()
 
     def edge(self, edge: Any) -> int:
         """Row of ``edge``, recorded on its first use.
@@ -60,7 +73,13 @@ class EdgeTable:
             row = self.builder.vertex(point)
             self._vertex_rows.append(row)
             self._tolerances[row] = BRep_Tool.Tolerance_s(vertex)
+            self._points[row] = point
         return self._vertex_rows[index - 1]
+
+    def _free_vertex(self, point: Array) -> int:
+        row = self.builder.vertex(point)
+        self._points[row] = tuple(point.tolist())
+        return row
 
     def vertex_tolerance(self, row: int) -> float:
         """The file's tolerance of the vertex in ``row``, mm."""
@@ -96,7 +115,40 @@ class EdgeTable:
             t0, t1 = BRep_Tool.Range_s(edge)
         form = curve_form(curve, t0, t1)
         rows = [
-            self.builder.vertex(point) if vertex.IsNull() else self.vertex(vertex)
+            self._free_vertex(point) if vertex.IsNull() else self.vertex(vertex)
             for vertex, point in ((first, form.start), (last, form.end))
         ]
-        return self.add(form, rows[0], rows[1], tolerance)
+        return self._joined(form, rows, tolerance)
+
+    def bridge(self, row: int, end: int) -> int | None:
+        """Row of the bridge from the curve's end (0: at t0, 1: at t1) to the vertex, if there is one."""
+        return self._bridges.get((row, end))
+
+    def join(self, vertex0: int, vertex1: int) -> tuple[int, bool]:
+        """Row of a straight edge between two vertices that the file leaves open; whether it runs backwards."""
+        key = (min(vertex0, vertex1), max(vertex0, vertex1))
+        if key not in self._joins:
+            self._joins[key] = self.add(CurveForm.line(self._points[key[0]], self._points[key[1]]), *key, 0.0)
+        return self._joins[key], vertex0 > vertex1
+
+    def _joined(self, form: CurveForm, rows: list[int], tolerance: float) -> int:
+        """Append an edge and make sure that it reaches its vertices."""
+        points = [self._points[row] for row in rows]
+        ends = [form.start, form.end]
+        misses = [dist(end, point) for end, point in zip(ends, points, strict=True)]
+        if max(misses) < LEAST_MISS:
+            return self.add(form, rows[0], rows[1], tolerance)
+        length = float(np.linalg.norm(np.diff(form.polygon(), axis=0), axis=1).sum())
+        if min(misses) > length:
+            row = self.add(CurveForm.line(points[0], points[1], form.t0, form.t1), rows[0], rows[1], 0.0)
+            self.broken.add(row)
+            return row
+        missed = [miss > MISSED_SHARE * length for miss in misses]
+        own = [self.builder.vertex(end) if far else row for far, end, row in zip(missed, ends, rows, strict=True)]
+        row = self.add(form, own[0], own[1], tolerance)
+        self._ends[row] = (rows[0], rows[1])
+        for end in (0, 1):
+            if missed[end]:
+                line = CurveForm.line(ends[end], points[end])
+                self._bridges[row, end] = self.add(line, own[end], rows[end], 0.0)
+        return row

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,22 @@ from nurbs_ooc.geometry.natural_boundary import natural_loop
 from nurbs_ooc.readers.edges import EdgeTable
 from nurbs_ooc.readers.loops import FaceLoops, Loop, LoopReader, signed_area
 from nurbs_ooc.readers.refusal import FaceRefusedError
+from nurbs_ooc.readers.repair import repaired_faces
 from nurbs_ooc.readers.surfaces import Box, read_surface
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
 REVERSED = TopAbs_Orientation.TopAbs_REVERSED
 HALF_TURN = 0.5 * np.pi
 X, Y, Z = np.eye(3)
+SURE_SHARE = 1e-3  # of the face's box: a smaller negative area may be rounding, the file's sense is kept
+
+
+@dataclass(frozen=True)
+class FaceLabel:
+    """What is known of a face besides its shape: row of its material, its name in the file."""
+
+    material: int
+    source: str
 
 
 class FaceReader:
@@ -35,34 +46,46 @@ class FaceReader:
     def read(self, face: Any, material: int, source: str) -> None:
         """Record ``face`` (a ``TopoDS_Face``); whatever is wrong with it ends up in its status."""
         try:
-            self._read(face, material, source)
+            self._read(face, FaceLabel(material, source))
         except FaceRefusedError as refusal:
             add_failed(self.builder, refusal.reason, material, f"{source} ({refusal})")
         except Exception as error:  # noqa: BLE001 - the kernel's exceptions have no common Python base
             add_failed(self.builder, FaceReason.KERNEL_REFUSED, material, f"{source} ({_one_line(error)})")
 
-    def _read(self, face: Any, material: int, source: str) -> None:
+    def _read(self, face: Any, label: FaceLabel) -> None:
+        surface, loops = self._loops(face)
+        if all(loop.winding == (0, 0) for loop in loops.loops):
+            self._record(face, surface, loops, label)
+            return
+        for repaired in repaired_faces(face):
+            surface, loops = self._loops(repaired)
+            if any(loop.winding != (0, 0) for loop in loops.loops):
+                raise FaceRefusedError(FaceReason.SEAM_ADDED, "a loop runs around the surface and has no seam")
+            loops.reasons.add(FaceReason.SEAM_ADDED)
+            self._record(repaired, surface, loops, label)
+
+    def _loops(self, face: Any) -> tuple[Any, FaceLoops]:
         forward = TopoDS.Face(face.Oriented(FORWARD))
         surface = BRep_Tool.Surface_s(forward)
         if surface is None:
             raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "the face has no surface")
-        mirrored = face.Location().Transformation().IsNegative() if not face.Location().IsIdentity() else False
-        outside = (face.Orientation() == REVERSED) != mirrored
-        loops = LoopReader(forward, surface, self.table).read()
+        return surface, LoopReader(forward, surface, self.table).read()
+
+    def _record(self, face: Any, surface: Any, loops: FaceLoops, label: FaceLabel) -> None:
         natural = not loops.loops
         box = _natural_box(surface) if natural else _box_of(loops.loops, surface)
         reading = read_surface(surface, box)
-        status, reason = reading.status, reading.reason
-        coedges = [natural_loop(self.builder, reading.form)] if natural else _oriented(loops)
+        coedges = [natural_loop(self.builder, reading.form)] if natural else _oriented(loops, box)
         if natural:
             loops.reasons.add(FaceReason.LOOP_MISSING)
+        status, reason = reading.status, reading.reason
         if loops.reasons and status == FaceStatus.EXACT:
             status, reason = FaceStatus.HEALED, max(loops.reasons)
         self.builder.surface(
             reading.form,
-            reversed=outside,
-            material=material,
-            source=source,
+            reversed=(face.Orientation() == REVERSED) != _is_mirrored(face),
+            material=label.material,
+            source=label.source,
             status=status,
             reason=reason,
             approximation_error=reading.approximation_error,
@@ -72,6 +95,11 @@ class FaceReader:
             self.builder.loop(loop)
 
 
+def _is_mirrored(face: Any) -> bool:
+    location = face.Location()
+    return not location.IsIdentity() and bool(location.Transformation().IsNegative())
+
+
 def add_failed(builder: BatchBuilder, reason: FaceReason, material: int, source: str) -> None:
     """Record a face that could not be read: a plane of no extent without loops, status ``FAILED``."""
     form = SurfaceForm.framed(SurfaceKind.PLANE, np.zeros(3), X, Y, Z, domain=(0.0, 0.0, 0.0, 0.0))
@@ -79,7 +107,7 @@ def add_failed(builder: BatchBuilder, reason: FaceReason, material: int, source:
 
 
 def _natural_box(surface: Any) -> Box:
-    bounds = tuple(float(b) for b in surface.Bounds(0.0, 0.0, 0.0, 0.0))
+    bounds = tuple(float(b) for b in surface.Bounds())
     if any(Precision.IsInfinite_s(b) for b in bounds):
         raise FaceRefusedError(FaceReason.LOOP_MISSING, "an infinite surface has no boundary")
     u0, u1, v0, v1 = bounds
@@ -99,10 +127,11 @@ def _box_of(loops: list[Loop], surface: Any) -> Box:
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def _oriented(loops: FaceLoops) -> list[list[Coedge]]:
+def _oriented(loops: FaceLoops, box: Box) -> list[list[Coedge]]:
     """The loops so that the face lies to their left."""
     area = sum(signed_area(loop) for loop in loops.loops)
-    if area >= 0.0 or any(any(loop.winding) for loop in loops.loops):
+    width, height = box[1] - box[0], box[3] - box[2]
+    if area >= -SURE_SHARE * width * height:
         return [loop.coedges for loop in loops.loops]
     loops.reasons.add(FaceReason.LOOP_REORIENTED)
     return [_backwards(loop.coedges) for loop in loops.loops]

@@ -77,9 +77,9 @@ class IgesFile:
                 numbers.add(int(self.model.DNum(process.Mapped(index))))
         return numbers
 
-    def leftovers(self) -> list[Leftover]:
+    def leftovers(self, transferred: set[int]) -> list[Leftover]:
         """Bare B-spline surfaces as they are in the file; trimmed ones as failed faces."""
-        text, transferred, unit_mm = IgesText(Path(self.path), self.shown), self.transferred(), self.unit()[1]
+        text, unit_mm = IgesText(Path(self.path), self.shown), self.unit()[1]
         bare: list[Leftover] = [
             (surface.name, surface.rgb, partial(surface.geometry, unit_mm))
             for surface in text.missing_surfaces(transferred)

@@ -37,13 +37,13 @@ class KernelReader:
         self._part_names: list[str] = []
         self._n_faces = 0
         self._finished = False
-        self._first_part = 0
         self._material_rows = np.zeros(1, np.int32)
         self._messages: Connection = open_session(str(file.plain.resolve()), str(file.shown), file.kind)
         try:
             opened = self._receive()
             assert isinstance(opened, Opened)
             self.file_unit, self.unit_mm = opened.file_unit, opened.unit_mm
+            self._groups_left = opened.n_groups
             self._take_scenes()
         except BaseException:
             self.close()
@@ -63,7 +63,7 @@ class KernelReader:
     @property
     def n_surfaces(self) -> int | None:
         """Surfaces of all parts, None while groups are still to come."""
-        return self._n_faces if self._finished else None
+        return self._n_faces if self._finished or self._groups_left == 0 else None
 
     def parts(self) -> Iterator[Part]:
         """See ``AssemblyReader``."""
@@ -77,7 +77,6 @@ class KernelReader:
             first_surface += len(geometry)
             index += 1
             if index == self.n_parts:
-                self._n_faces = first_surface
                 self._take_scenes()
 
     def _placed_in_scene(self, geometry: GeometryBatch, index: int) -> GeometryBatch:
@@ -113,6 +112,8 @@ class KernelReader:
             placed = (part + first_part, product_row + first_product, override, list(transform))
             self._placements.append(placed)
         self._part_names += scene.part_names
+        self._n_faces += sum(scene.part_faces)
+        self._groups_left = max(self._groups_left - 1, 0)
 
     def _receive(self) -> Message:
         try:

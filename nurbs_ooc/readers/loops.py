@@ -26,7 +26,7 @@ from OCP.ShapeFix import ShapeFix_Edge
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopoDS import TopoDS, TopoDS_Iterator
 
-from nurbs_cache.surface_record import FaceReason
+from nurbs_cache.surface_record import CurveKind, FaceReason
 from nurbs_ooc.geometry.builder import Coedge
 from nurbs_ooc.geometry.forms import Array, CurveForm
 from nurbs_ooc.readers.curves import curve_form
@@ -39,7 +39,10 @@ WIRE = TopAbs_ShapeEnum.TopAbs_WIRE
 EDGE = TopAbs_ShapeEnum.TopAbs_EDGE
 
 ROUNDING = 1e-9  # relative: p-curve ends closer than this are equal
+SLIVER_SHARE = 0.2  # of its box: a loop that fills less has its area sampled
+SLIVER_SAMPLES = 65
 POLE_SHARE = 0.02  # of the face's extent in u or v: a jump over a pole, not a gap in the file
+ENDING_SURFACES = ("Geom_BSplineSurface", "Geom_BezierSurface", "Geom_SphericalSurface")
 MIN_TOLERANCE = 1e-7  # mm, the kernel's own confusion distance
 GAP_SLACK = 2.0  # both ends may be off by the tolerance
 
@@ -83,8 +86,10 @@ class LoopReader:
                 surface.VPeriod() if surface.IsVPeriodic() else 0.0,
             ]
         )
+        self._border = _border(surface, self.periods)
         self.result = FaceLoops()
         self._tolerance: dict[int, float] = {}
+        self._broken: dict[int, tuple[int, bool]] = {}  # by the vertex where the loop enters it
 
     def read(self) -> FaceLoops:
         """All loops, chained; seams are marked."""
@@ -97,12 +102,29 @@ class LoopReader:
         return self.result
 
     def _coedges(self, wire: Any) -> Iterator[Coedge]:
+        """The wire's edges in the file's order; those whose curve is broken are put aside."""
         for shape in _children(wire, EDGE):
             edge = TopoDS.Edge(shape)
             row = self.table.edge(edge)
             self._tolerance[row] = max(BRep_Tool.Tolerance_s(edge), MIN_TOLERANCE)
             pole = bool(BRep_Tool.Degenerated_s(edge))
-            yield Coedge(row, self._pcurve(edge), edge.Orientation() == REVERSED, pole=pole)
+            reverse = edge.Orientation() == REVERSED
+            if row in self.table.broken:
+                self.result.reasons.add(FaceReason.PCURVE_REBUILT)
+                start, end = self.table.ends(row)
+                self._broken[end if reverse else start] = (row, reverse)
+                continue
+            pcurve = self._pcurve(edge)
+            if pole and self._spans(pcurve) > GAP_SLACK * self._tolerance[row]:
+                self.result.reasons.add(FaceReason.DEGENERATE_EDGE_DROPPED)
+                continue
+            yield Coedge(row, pcurve, reverse, pole=pole)
+
+    def _spans(self, pcurve: CurveForm) -> float:
+        """How far apart three points of a p-curve are in space."""
+        middle = pcurve.point(0.5 * (pcurve.t0 + pcurve.t1))
+        points = [self.surface.Value(*uv) for uv in (pcurve.start, middle, pcurve.end)]
+        return float(max(points[0].Distance(point) for point in points[1:]))
 
     def _pcurve(self, edge: Any) -> CurveForm:
         curve = BRep_Tool.CurveOnSurface_s(edge, self.face, 0.0, 0.0)
@@ -112,7 +134,19 @@ class LoopReader:
             curve = BRep_Tool.CurveOnSurface_s(edge, self.face, 0.0, 0.0)
         if curve is None:
             raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "an edge cannot be projected to its surface")
-        return curve_form(curve, *BRep_Tool.Range_s(edge, self.face))
+        return self._inside(curve_form(curve, *BRep_Tool.Range_s(edge, self.face)))
+
+    def _inside(self, form: CurveForm) -> CurveForm:
+        """A p-curve that runs a little over the border of a B-spline surface, moved back onto it."""
+        if self._border is None or form.kind != CurveKind.NURBS:
+            return form
+        low, high = self._border
+        points = form.points[:, :2]
+        weights = form.points[:, 2:] if form.rational else 1.0
+        inside = np.clip(points, low * weights, high * weights)
+        if (inside == points).all():
+            return form
+        return replace(form, points=np.concatenate([inside, form.points[:, 2:]], axis=1))
 
     def _extent(self, wires: list[list[Coedge]]) -> Array:
         ends = [end for wire in wires for coedge in wire for end in (coedge.start, coedge.end)]
@@ -126,20 +160,37 @@ class LoopReader:
         chain = [wire[0]]
         for _ in wire[1:]:
             last = chain[-1]
-            meeting = starts.get(self._vertices(last)[1])
+            meeting = starts.get(self._target(last))
             coedge = self._nearest(last, meeting or [c for cs in starts.values() for c in cs])
             starts[self._vertices(coedge)[0]].remove(coedge)
             shift = self._shift(last.end, coedge.start)
             if shift.any():
                 self.result.reasons.add(FaceReason.LOOP_SHIFTED_BY_PERIOD)
-                coedge = self._moved(coedge, shift)
-            chain += [*self._bridge(last, coedge, extent), coedge]
+                coedge = replace(coedge, pcurve=coedge.pcurve.shifted(shift))
+            chain += [*self._between(last, coedge, extent), coedge]
         shift = self._shift(chain[-1].end, chain[0].start)
         if not shift.any():
-            chain += self._bridge(chain[-1], chain[0], extent)
+            chain += self._between(chain[-1], chain[0], extent)
             return Loop(chain)
         turns = -np.round(shift / np.where(self.periods > 0.0, self.periods, 1.0)).astype(int)
         return Loop(chain, (int(turns[0]), int(turns[1])))
+
+    def _target(self, last: Coedge) -> int:
+        """The vertex at which the next sound coedge has to start."""
+        vertex = self._vertices(last)[1]
+        if vertex in self._broken:
+            row, reverse = self._broken[vertex]
+            return self.table.ends(row)[not reverse]
+        return vertex
+
+    def _between(self, last: Coedge, coedge: Coedge, extent: Array) -> list[Coedge]:
+        """What comes between two sound coedges: a broken edge made straight, or what ``_bridge`` finds."""
+        vertex = self._vertices(last)[1]
+        if vertex not in self._broken or self._target(last) != self._vertices(coedge)[0]:
+            return self._bridges(last, coedge) or self._closed(last, coedge, extent)
+        row, reverse = self._broken.pop(vertex)
+        ends = (coedge.start, last.end) if reverse else (last.end, coedge.start)
+        return [Coedge(row, CurveForm.line(*ends), reverse)]
 
     def _vertices(self, coedge: Coedge) -> tuple[int, int]:
         """Rows of the vertices where the loop enters and leaves ``coedge``."""
@@ -158,9 +209,6 @@ class LoopReader:
 
         return min(candidates, key=cost)
 
-    def _moved(self, coedge: Coedge, shift: Array) -> Coedge:
-        return replace(coedge, pcurve=coedge.pcurve.shifted(shift))
-
     def _shift(self, target: Array, start: Array) -> Array:
         """Whole periods that bring ``start`` next to ``target``."""
         gap = target - start
@@ -169,28 +217,51 @@ class LoopReader:
         turns = np.round(gap / np.where(self.periods > 0.0, self.periods, np.inf))
         return np.asarray(np.where(turns == 0.0, 0.0, turns * self.periods))
 
-    def _bridge(self, first: Coedge, second: Coedge, extent: Array) -> list[Coedge]:
-        """What has to be put in between two consecutive coedges: nothing, a pole or a straight bridge."""
-        start, end = first.end, second.start
-        gap = np.abs(end - start)
-        if gap.max() <= ROUNDING * (1.0 + np.abs(start).max()):
-            return []
-        points = [self.surface.Value(*uv) for uv in (start, 0.5 * (start + end), end)]
-        vertex = self._vertices(first)[1]
-        tolerance = max(self._tolerance[first.edge], self._tolerance[second.edge], self.table.vertex_tolerance(vertex))
-        one_point = max(p.Distance(points[0]) for p in points) <= GAP_SLACK * tolerance
-        if one_point and bool((gap <= POLE_SHARE * extent).all()):
+    def _bridges(self, first: Coedge, second: Coedge) -> list[Coedge]:
+        """Where an edge's curve misses the vertex between the two: the way from the curve's end to it."""
+        leaving = self.table.bridge(first.edge, 1 - first.reversed)
+        entering = self.table.bridge(second.edge, int(second.reversed))
+        if leaving is None and entering is None:
             return []
         self.result.reasons.add(FaceReason.LOOP_GAP_CLOSED)
-        pcurve = CurveForm.line(start, end)
-        if one_point:
+        middle = 0.5 * (first.end + second.start)
+        middle = second.start if entering is None else first.end if leaving is None else middle
+        way = []
+        if leaving is not None:
+            way.append(Coedge(leaving, CurveForm.line(first.end, middle)))
+        if entering is not None:
+            way.append(Coedge(entering, CurveForm.line(second.start, middle), reversed=True))
+        return way
+
+    def _closed(self, first: Coedge, second: Coedge, extent: Array) -> list[Coedge]:
+        """What has to be put in between: nothing, a pole, or the straight edge between two open vertices."""
+        start, end = first.end, second.start
+        gap = np.abs(end - start)
+        vertex, other = self._vertices(first)[1], self._vertices(second)[0]
+        if gap.max() <= ROUNDING * (1.0 + np.abs(start).max()) and vertex == other:
+            return []
+        points = [self.surface.Value(*uv) for uv in (start, 0.5 * (start + end), end)]
+        tolerance = max(self._tolerance.get(c.edge, 0.0) for c in (first, second))
+        tolerance = max(tolerance, min(self.table.vertex_tolerance(vertex), points[0].Distance(points[2])))
+        one_point = max(p.Distance(points[0]) for p in points) <= GAP_SLACK * tolerance
+        small = bool((gap <= POLE_SHARE * extent).all())
+        if vertex == other and small:
+            return []
+        self.result.reasons.add(FaceReason.LOOP_GAP_CLOSED)
+        if vertex == other:
             row = self.table.add(None, vertex, vertex, tolerance)
-        else:
-            curve = CurveForm.line(points[0].Coord(), points[2].Coord())
-            other = self._vertices(second)[0]
-            row = self.table.add(curve, vertex, other, max(tolerance, points[0].Distance(points[2])))
-        self._tolerance[row] = tolerance
-        return [Coedge(row, pcurve, pole=one_point)]
+            return [Coedge(row, CurveForm.line(start, end), pole=one_point)]
+        row, backwards = self.table.join(vertex, other)
+        return [Coedge(row, CurveForm.line(end, start) if backwards else CurveForm.line(start, end), backwards)]
+
+
+def _border(surface: Any, periods: Array) -> tuple[Array, Array] | None:
+    """Lower and upper limits of (u, v) where the surface ends: at knots and at the poles of a sphere."""
+    if type(surface).__name__ not in ENDING_SURFACES:
+        return None
+    u0, u1, v0, v1 = surface.Bounds()
+    low, high = np.array([u0, v0]), np.array([u1, v1])
+    return np.where(periods > 0.0, -np.inf, low), np.where(periods > 0.0, np.inf, high)
 
 
 def _children(shape: Any, kind: Any) -> Iterator[Any]:
@@ -212,13 +283,23 @@ def _mark_seams(loops: list[Loop]) -> None:
 
 
 def signed_area(loop: Loop) -> float:
-    """Area in (u, v) inside the loop, positive if it runs counter-clockwise; p-curves as 8 chords."""
-    rows = []
-    for coedge in loop.coedges:
-        curve = coedge.pcurve
-        n = 2 if curve.degree == 1 and len(curve.points) == 2 else 9
-        points = [curve.point(t) for t in np.linspace(curve.t0, curve.t1, n)[:: -1 if coedge.reversed else 1]]
-        rows += points[:-1]
-    x, y = np.array(rows).T
-    x, y = x - x[0], y - y[0]
-    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    """Area in (u, v) inside the loop, positive if it runs counter-clockwise.
+
+    The control polygon is near enough, except for slivers: these are sampled.
+    """
+    rows = np.concatenate([c.pcurve.polygon()[:: -1 if c.reversed else 1] for c in loop.coedges])
+    area = _polygon_area(rows)
+    if abs(area) > SLIVER_SHARE * float(np.prod(np.ptp(rows, axis=0))):
+        return area
+    return _polygon_area(np.concatenate([_sampled(coedge) for coedge in loop.coedges]))
+
+
+def _sampled(coedge: Coedge) -> Array:
+    curve = coedge.pcurve
+    parameters = np.linspace(curve.t0, curve.t1, SLIVER_SAMPLES)[:: -1 if coedge.reversed else 1]
+    return np.array([curve.point(t) for t in parameters])
+
+
+def _polygon_area(rows: Array) -> float:
+    x, y = (rows - rows[0]).T
+    return 0.5 * float(np.dot(x[:-1], y[1:]) - np.dot(y[:-1], x[1:]))

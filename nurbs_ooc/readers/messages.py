@@ -15,10 +15,12 @@ class Opened:
 
     Attributes:
         file_unit, unit_mm: as in ``AssemblyReader``.
+        n_groups: how many scenes come, not counting one for what the kernel left out.
     """
 
     file_unit: str
     unit_mm: float
+    n_groups: int
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,13 @@ class Scene:
     placements: list[Placement] = field(default_factory=list)
     part_names: list[str] = field(default_factory=list)
     part_faces: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """Which of the file's faces the kernel took; stays inside the kernel's process."""
+
+    entities: set[int]
 
 
 @dataclass(frozen=True)
@@ -56,4 +65,4 @@ class Finished:
     """Nothing follows."""
 
 
-Message = Opened | Scene | PartData | Failed | Finished
+Message = Opened | Transferred | Scene | PartData | Failed | Finished

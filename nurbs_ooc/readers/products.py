@@ -7,7 +7,7 @@ own colour and the rest take the instance's, each such instance colour makes a p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -158,15 +158,3 @@ def _entry(label: Any) -> str:
     text = TCollection_AsciiString()
     TDF_Tool.Entry_s(label, text)
     return str(text.ToCString())
-
-
-def failed_scene(names: Sequence[str]) -> Scene:
-    """A scene of products whose shapes were lost with the kernel: one part of one failed face each."""
-    identity = tuple(IDENTITY[:3].ravel().tolist())
-    return Scene(
-        products=[Product(name, -1, identity) for name in names],
-        materials=MaterialTable().materials,
-        placements=[(i, i, -1, identity) for i in range(len(names))],
-        part_names=list(names),
-        part_faces=[1] * len(names),
-    )

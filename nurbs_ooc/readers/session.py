@@ -9,9 +9,9 @@ from nurbs_cache.errors import InputFileError
 from nurbs_ooc.readers.iges import IgesFile
 from nurbs_ooc.readers.isolation import WorkDiedError, run_isolated
 from nurbs_ooc.readers.leftover import Leftover
-from nurbs_ooc.readers.messages import Failed, Finished, Message, Opened, PartData, Scene
+from nurbs_ooc.readers.messages import Failed, Finished, Message, Opened, PartData, Scene, Transferred
 from nurbs_ooc.readers.part_geometry import crashed_part, isolated_parts
-from nurbs_ooc.readers.products import ProductTree, failed_scene
+from nurbs_ooc.readers.products import ProductTree
 from nurbs_ooc.readers.step import StepFile
 
 Send = Callable[[Message], None]
@@ -33,8 +33,12 @@ class KernelFile(Protocol):
         """A document with these roots, or None."""
         ...
 
-    def leftovers(self) -> list[Leftover]:
-        """What the kernel could not transfer, asked for after the last ``transfer``."""
+    def transferred(self) -> set[int]:
+        """What the last ``transfer`` made shapes of."""
+        ...
+
+    def leftovers(self, transferred: set[int]) -> list[Leftover]:
+        """What no transfer made a shape of."""
         ...
 
 
@@ -42,22 +46,28 @@ def serve_file(send: Send, path: str, shown: str, kind: str) -> None:
     """Send everything there is in ``path``; ``kind`` is "step" or "iges"."""
     try:
         file: KernelFile = FORMATS[kind](path, shown)
-        send(Opened(*file.unit()))
         groups = file.groups()
+        send(Opened(*file.unit(), n_groups=len(groups)))
+        transferred: set[int] = set()
         for roots in groups:
-            _serve_group(send, file, roots, shown, alone=len(groups) == 1)
+            transferred |= _serve_group(send, file, roots, shown, alone=len(groups) == 1)
+        _serve_leftovers(send, file, transferred)
     except InputFileError as error:
         send(Failed(str(error)))
     else:
         send(Finished())
 
 
-def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alone: bool) -> None:
+def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alone: bool) -> set[int]:
     """Transfer ``roots`` behind a fork, so that their shapes are released with it."""
+    transferred: set[int] = set()
     scene: Scene | None = None
     sent = 0
     try:
         for message in run_isolated(lambda inner: _transfer_and_read(inner, file, roots)):
+            if isinstance(message, Transferred):
+                transferred = message.entities
+                continue
             scene = message if isinstance(message, Scene) else scene
             sent += isinstance(message, PartData)
             send(message)
@@ -65,10 +75,10 @@ def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alo
         if scene is None and alone:
             raise InputFileError(f"{shown}: the kernel crashed while reading it ({death})") from death
         if scene is None:
-            scene = failed_scene([f"root {root}" for root in roots])
-            send(scene)
+            return set()  # its faces are among the leftovers
         for name, n_faces in list(zip(scene.part_names, scene.part_faces, strict=True))[sent:]:
             send(PartData(crashed_part(n_faces, name).to_bytes()))
+    return transferred
 
 
 def _transfer_and_read(send: Send, file: KernelFile, roots: list[int]) -> None:
@@ -76,8 +86,17 @@ def _transfer_and_read(send: Send, file: KernelFile, roots: list[int]) -> None:
     tree = ProductTree()
     if document is not None:
         tree.add_document(document)
-    for name, rgb, record in file.leftovers():
-        tree.add_single(name, rgb, record)
+    send(Transferred(file.transferred()))
     send(tree.scene())
     for data in isolated_parts(tree.parts):
         send(PartData(data))
+
+
+def _serve_leftovers(send: Send, file: KernelFile, transferred: set[int]) -> None:
+    tree = ProductTree()
+    for name, rgb, record in file.leftovers(transferred):
+        tree.add_single(name, rgb, record)
+    if tree.parts:
+        send(tree.scene())
+    for part in tree.parts:
+        send(PartData(part.record().to_bytes()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 from OCP.collections import Sequence_TCollection_AsciiString
@@ -10,8 +12,12 @@ from OCP.STEPCAFControl import STEPCAFControl_Reader
 
 from nurbs_cache.errors import InputFileError
 from nurbs_ooc.readers.kernel_setup import new_document
-from nurbs_ooc.readers.leftover import Leftover
+from nurbs_ooc.readers.leftover import Leftover, refused
 from nurbs_ooc.readers.units import ASSUMED, named_unit
+
+FACES = ("StepShape_AdvancedFace", "StepShape_FaceSurface")
+USAGE = "StepRepr_NextAssemblyUsageOccurrence"
+ENTITY = re.compile(rb"#(\d+)\s*=")
 
 
 class StepFile:
@@ -26,7 +32,7 @@ class StepFile:
     """
 
     def __init__(self, path: str, shown: str) -> None:
-        self.shown = shown
+        self.path, self.shown = path, shown
         self.reader = STEPCAFControl_Reader()
         self.reader.SetGDTMode(False)
         self.reader.SetMatMode(False)
@@ -37,6 +43,21 @@ class StepFile:
         self.n_roots = int(self.reader.NbRootsForTransfer())
         if self.n_roots == 0:
             raise InputFileError(f"{shown}: STEP file without any shape or product")
+        self.faces: dict[int, Any] = {}
+        self.has_assemblies = False
+        self._list_entities()
+
+    def _list_entities(self) -> None:
+        """Find the faces by their number in the file's order (from 1), and whether products are nested."""
+        model = self.reader.ChangeReader().StepModel()
+        self.n_entities = int(model.NbEntities())
+        for number in range(1, self.n_entities + 1):
+            entity = model.Value(number)
+            kind = type(entity).__name__
+            if kind in FACES:
+                self.faces[number] = entity
+            elif kind == USAGE:
+                self.has_assemblies = True
 
     def unit(self) -> tuple[str, float]:
         """Name and size in mm of the file's length unit."""
@@ -48,16 +69,27 @@ class StepFile:
     def groups(self) -> list[list[int]]:
         """Root numbers (from 1) that have to be transferred together."""
         roots = list(range(1, self.n_roots + 1))
-        return [roots] if self.n_roots == 1 or self._has_assemblies() else [[root] for root in roots]
+        return [roots] if self.n_roots == 1 or self.has_assemblies else [[root] for root in roots]
 
-    def _has_assemblies(self) -> bool:
-        model = self.reader.ChangeReader().StepModel()
-        kinds = (type(model.Value(i)).__name__ for i in range(1, model.NbEntities() + 1))
-        return any(kind == "StepRepr_NextAssemblyUsageOccurrence" for kind in kinds)
+    def transferred(self) -> set[int]:
+        """Numbers, in the file's order, of the faces for which the kernel made a shape."""
+        process = self.reader.ChangeReader().WS().TransferReader().TransientProcess()
+        known = {id(entity): number for number, entity in self.faces.items()}
+        done = set()
+        for index in range(1, process.NbMapped() + 1):
+            number = known.get(id(process.Mapped(index)))
+            if number is not None and process.MapItem(index).HasResult():
+                done.add(number)
+        return done
 
-    def leftovers(self) -> list[Leftover]:
-        """Nothing yet."""
-        return []
+    def leftovers(self, transferred: set[int]) -> list[Leftover]:
+        """The other faces, each as a failed one named by its entity."""
+        missing = [number for number in self.faces if number not in transferred]
+        if not missing:
+            return []
+        labels = ENTITY.findall(Path(self.path).read_bytes())
+        exact = len(labels) == self.n_entities  # the kernel keeps the file's order
+        return [refused(f"#{int(labels[n - 1])}" if exact else f"face entity {n}") for n in missing]
 
     def transfer(self, roots: list[int]) -> Any:
         """A document with the given roots, or None if the kernel refuses them."""

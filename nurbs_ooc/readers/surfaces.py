@@ -19,6 +19,7 @@ import numpy as np
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, SurfaceKind
 from nurbs_ooc.geometry.forms import Array, SurfaceForm, homogeneous
+from nurbs_ooc.readers import kernel_arrays
 from nurbs_ooc.readers.clamping import clamp, unroll
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.offsets import approximated_offset
@@ -111,17 +112,19 @@ def perpendiculars(z: Array) -> tuple[Array, Array]:
     return x, np.cross(z, x)
 
 
-def _poles(surface: Any, n_u: int, n_v: int) -> tuple[Array, bool]:
-    points = np.array([p.Coord() for p in surface.Poles()]).reshape(n_u, n_v, 3)
+def _poles(surface: Any) -> tuple[Array, bool]:
+    points = kernel_arrays.grid_points(surface.Poles())
     if not (surface.IsURational() or surface.IsVRational()):
         return points, False
-    weights = np.array([surface.Weight(i + 1, j + 1) for i in range(n_u) for j in range(n_v)]).reshape(n_u, n_v)
+    rows, columns = range(1, points.shape[0] + 1), range(1, points.shape[1] + 1)
+    # not Weights(): the binding frees the surface's own array
+    weights = np.array([[surface.Weight(i, j) for j in columns] for i in rows])
     require_weights(weights)
     return homogeneous(points, weights)
 
 
 def _bezier(surface: Any, box: Box) -> SurfaceForm:
-    points, rational = _poles(surface, surface.NbUPoles(), surface.NbVPoles())
+    points, rational = _poles(surface)
     degrees = points.shape[0] - 1, points.shape[1] - 1
     knots_u, knots_v = (np.repeat([0.0, 1.0], degree + 1) for degree in degrees)
     return SurfaceForm(SurfaceKind.NURBS, np.empty(0), *box, *degrees, knots_u, knots_v, points, rational)
@@ -136,9 +139,9 @@ def _bspline(surface: Any, box: Box) -> SurfaceForm:
         surface = surface.Copy()
         surface.SetUNotPeriodic()
         surface.SetVNotPeriodic()
-    points, rational = _poles(surface, surface.NbUPoles(), surface.NbVPoles())
+    points, rational = _poles(surface)
     degrees = surface.UDegree(), surface.VDegree()
-    knots = [np.array(list(surface.UKnotSequence())), np.array(list(surface.VKnotSequence()))]
+    knots = [kernel_arrays.numbers(surface.UKnotSequence()), kernel_arrays.numbers(surface.VKnotSequence())]
     for axis in range(2):
         require_knots(knots[axis], degrees[axis], points.shape[axis])
         rows = points if axis == 0 else points.swapaxes(0, 1)
