@@ -83,7 +83,15 @@ class Flight:
         context = create_context()
         try:
             renderer = Renderer(context)
-            viewer = Viewer(self.scene, self.transport, renderer, self.settings.error_px, self.settings.memory_bytes)
+            settings = self.settings
+            viewer = Viewer(
+                self.scene,
+                self.transport,
+                renderer,
+                settings.error_px,
+                settings.memory_bytes,
+                hysteresis=not settings.wait,
+            )
             try:
                 self._fly(context, viewer, path, times, numbers)
             finally:
@@ -127,9 +135,10 @@ class Flight:
     ) -> npt.NDArray[np.uint8]:
         """Select, draw and read back one frame, and note how it went."""
         before = viewer.renderer.counters.as_dict()
-        wait_s = viewer.settle(camera) if self.settings.wait else 0.0
         start = time.perf_counter()
-        settled = viewer.step(camera)
+        wait_s = viewer.settle(camera) if self.settings.wait else 0.0
+        settled = self.settings.wait or viewer.step(camera)
+        start += wait_s
         selected = time.perf_counter()
         drawn = viewer.draw(camera, target)
         image = target.read()

@@ -94,6 +94,7 @@ class ResidencyTable:
 
     def __post_init__(self) -> None:
         self.node = np.zeros(len(self.scene.nodes), np.uint8)
+        self.node_error = np.zeros(len(self.scene.nodes))  # mm, of the resident tiles' own ledgers
         self.node_slot = np.full(len(self.scene.nodes), -1, np.int64)
         self.lod_mask = np.zeros(len(self.scene.surface_ids), np.int64)
         self.own_mm_per_px = np.zeros(len(self.scene.items))
@@ -135,7 +136,10 @@ class ResidencyTable:
         if key.node >= 0:
             self.node[key.node] = selection.RESIDENT
             self.node_slot[key.node] = slot
-            self.scene.node_arrays.error[key.node] = mesh.error
+            self.node_error[key.node] = mesh.error
+            # The table's error decides what is drawn, whatever has been loaded; unless it was too hopeful.
+            errors = self.scene.node_arrays.error
+            errors[key.node] = max(errors[key.node], mesh.error)
         else:
             self._serve(key, entry.error)
 

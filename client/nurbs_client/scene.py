@@ -20,7 +20,7 @@ class NodeArrays(NamedTuple):
 
     aabb_min: Floats  # (n, 3)
     aabb_max: Floats  # (n, 3)
-    error: Floats  # (n,) mm; replaced by the tile's own once it is known
+    error: Floats  # (n,) mm; raised if a tile turns out to be worse
     parent: Ints
     first_child: Ints
     n_children: Ints

@@ -91,13 +91,6 @@ def allowed_error(mm_per_px: float, target_px: float, focal_px: float) -> float:
     return target_px * mm_per_px / (1.0 + GRADIENT * target_px / focal_px)
 
 
-@helper
-def projected_error(mm_per_px: float, error: float, focal_px: float) -> float:
-    """Pixels that an error of ``error`` mm may show: the inverse of ``allowed_error``, inf if unbounded."""
-    room = mm_per_px - GRADIENT * error / focal_px
-    return error / room if room > 0.0 else math.inf
-
-
 @kernel
 def _boxes_mm_per_px(
     view: View, lows: npt.NDArray[np.float64], highs: npt.NDArray[np.float64], result: npt.NDArray[np.float64]
@@ -117,11 +110,15 @@ def boxes_mm_per_px(
     return result
 
 
+@kernel
 def desired_error(mm_per_px: float, target_px: float, focal_px: float) -> float:
     """Largest error, mm, of a node that shows at most ``target_px`` pixels: the paper's epsilon_desired."""
-    return float(allowed_error(mm_per_px, target_px, focal_px))
+    return allowed_error(mm_per_px, target_px, focal_px)
 
 
-def screen_error_px(mm_per_px: float, error: float, focal_px: float) -> float:
-    """Pixels that ``error`` mm may show where ``mm_per_px`` holds; inf if no bound exists."""
-    return float(projected_error(mm_per_px, error, focal_px))
+def screen_error_px(
+    mm_per_px: npt.NDArray[np.float64], error: npt.NDArray[np.float64], focal_px: float
+) -> npt.NDArray[np.float64]:
+    """(n,) pixels that errors in mm may show, the inverse of ``desired_error``; inf where no bound exists."""
+    room = mm_per_px - GRADIENT * error / focal_px
+    return np.where(room > 0, error / np.where(room > 0, room, 1.0), np.inf)

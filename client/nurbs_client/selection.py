@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel
 from nurbs_client.scene import Floats, Ints, ItemArrays, NodeArrays, Scene
-from nurbs_client.screen_error import View, allowed_error, box_is_outside, box_mm_per_px, projected_error
+from nurbs_client.screen_error import View, allowed_error, box_is_outside, box_mm_per_px
 
 Bytes = npt.NDArray[np.uint8]
 Longs = npt.NDArray[np.int64]
@@ -59,7 +59,7 @@ class _Work(NamedTuple):
 
 class _Output(NamedTuple):
     node: Ints  # rows to draw
-    node_px: Floats
+    node_mm_per_px: Floats
     item: Ints  # items to draw
     item_level: Ints
     item_mm_per_px: Floats
@@ -77,7 +77,7 @@ class Selection:
     """The outcome for one frame.
 
     Attributes:
-        nodes: rows whose tiles are drawn; node_px: pixels that their error may show.
+        nodes: rows whose tiles are drawn; node_mm_per_px: (n,) where on screen they are.
         items: rows of the direct surfaces that are drawn, at ladder level ``item_levels`` of their own space;
             item_mm_per_px: (n,) where on screen they are.
         wanted_nodes, wanted_items, wanted_levels: what is missing, with priorities above 1 for what shows.
@@ -88,7 +88,7 @@ class Selection:
     """
 
     nodes: Ints
-    node_px: Floats
+    node_mm_per_px: Floats
     items: Ints
     item_levels: Ints
     item_mm_per_px: Floats
@@ -165,7 +165,7 @@ def _visit(
         work.mm_per_px[slot] = mm_per_px
         allowed = allowed_error(mm_per_px, target_px, view.focal_px)
         finer = refined[row] and (nodes.error[row] > COARSEN * allowed or resident[row] != RESIDENT)
-        if finer or nodes.error[row] > allowed:
+        if finer or nodes.error[row] > allowed or resident[row] == BROKEN:
             work.flags[slot] = REFINE
         if work.flags[slot] & REFINE and nodes.n_children[row] + nodes.n_direct[row] > 0:
             work.first[slot] = count
@@ -289,7 +289,7 @@ def _emit(
                 _want_node(out, row, HOLE_PRIORITY)
             continue
         out.node[out.counts[0]] = row
-        out.node_px[out.counts[0]] = projected_error(work.mm_per_px[slot], nodes.error[row], view.focal_px)
+        out.node_mm_per_px[out.counts[0]] = work.mm_per_px[slot]
         out.counts[0] += 1
         if not flags & REFINE:
             continue
@@ -311,7 +311,7 @@ def select(scene: Scene, view: View, target_px: float, residency: Residency, ref
         view: of the camera (``Camera.view``).
         target_px: allowed error on screen, pixels, > 0.
         residency: what can be drawn now.
-        refined: (n_nodes,) of the last frame's selection; None for the first.
+        refined: (n_nodes,) of the last frame's selection; None to decide by this view alone.
 
     Source: Guthe, Balazs, Klein 2004, section 4.1.
     """
@@ -340,7 +340,7 @@ def _as_selection(out: _Output, refined: Bytes, culled: int, visited: int) -> Se
     n, m, wn, wm, holes, substitutes = (int(c) for c in out.counts)
     return Selection(
         nodes=out.node[:n],
-        node_px=out.node_px[:n],
+        node_mm_per_px=out.node_mm_per_px[:n],
         items=out.item[:m],
         item_levels=out.item_level[:m],
         item_mm_per_px=out.item_mm_per_px[:m],

@@ -6,6 +6,7 @@ All of the client's parts meet here, on the render thread. ``step`` does one rou
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -21,8 +22,8 @@ from nurbs_client.renderer.frame_target import FrameTarget
 from nurbs_client.renderer.renderer import DrawList, Renderer
 from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_tiles, nearby_tiles
 from nurbs_client.scene import Scene, make_scene
-from nurbs_client.screen_error import GRADIENT
-from nurbs_client.selection import MAX_LEVEL, Selection, level_below, select
+from nurbs_client.screen_error import screen_error_px
+from nurbs_client.selection import MAX_LEVEL, MIN_LEVEL, Selection, select
 from nurbs_client.tile_mesh import make_mesh
 from nurbs_client.tile_source import TileSource
 from nurbs_client.transport import Transport, materials_of
@@ -55,6 +56,7 @@ class Viewer:
 
     Attributes:
         target_px: error on screen that is asked for, pixels.
+        hysteresis: coarsen later than refine, for pictures that do not pop; off, a picture depends on its view alone.
         failures: tiles that could not be had, with the reason.
     """
 
@@ -63,6 +65,7 @@ class Viewer:
     renderer: Renderer
     target_px: float
     budget_bytes: int
+    hysteresis: bool = True
     failures: dict[TileKey, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -105,11 +108,12 @@ class Viewer:
         return self._is_settled(chosen)
 
     def settle(self, camera: Camera) -> float:
-        """Round after round until everything that shows is there; returns the seconds spent waiting."""
-        start = time.perf_counter()
+        """Round after round until everything that shows is there; returns the seconds before the last round."""
+        first = start = time.perf_counter()
         while not self.step(camera):
             self.loader.wait(0.25)
-        return time.perf_counter() - start
+            start = time.perf_counter()
+        return start - first
 
     def rehearse(self, camera: Camera, target: FrameTarget) -> None:
         """Compile kernels and shaders, so that no frame's time has it in; nothing is loaded or kept."""
@@ -127,7 +131,7 @@ class Viewer:
         chosen = self.selection
         if chosen is None:
             raise RuntimeError("draw comes after step")
-        node_px = chosen.node_px
+        node_px = screen_error_px(chosen.node_mm_per_px, self.table.node_error[chosen.nodes], camera.focal_px)
         item_px = self._item_px(camera, chosen)
         self.renderer.draw(camera, target, self._draw_list(chosen, node_px, item_px))
         return Drawn(np.concatenate([node_px, item_px, chosen.hole_px]), chosen.n_holes, chosen.n_substitutes)
@@ -146,7 +150,7 @@ class Viewer:
     def _select(self, camera: Camera) -> Selection:
         """Select at the target, or at the finest one for which the memory suffices."""
         self._measure_near(camera)
-        refined = self.selection.refined if self.selection else None
+        refined = self.selection.refined if self.selection and self.hysteresis else None
         for _ in range(MAX_RAISES):
             chosen = select(self.scene, camera.view, self.effective_px, self.table.snapshot, refined)
             if self._find_near(camera, chosen):
@@ -230,9 +234,9 @@ class Viewer:
             key = self.table.finest_lod(int(self.scene.item_arrays.surface[item]))
             scale = float(self.scene.item_arrays.scale[item])
             node_level = int(self.scene.node_arrays.level[self.scene.items["node"][item]])
-            coarsest = int(level_below(2.0 ** (node_level - 1), scale))
+            coarsest = math.floor(node_level - 1 - math.log2(scale))
             limit = key.level - FINER_PER_LOAD if key else coarsest
-            levels[index] = min(max(levels[index], limit), MAX_LEVEL)
+            levels[index] = min(max(levels[index], limit, MIN_LEVEL), MAX_LEVEL)
         return levels
 
     def _item_px(self, camera: Camera, chosen: Selection) -> npt.NDArray[np.float64]:
@@ -241,8 +245,7 @@ class Viewer:
         pairs = zip(surfaces, chosen.item_levels.tolist(), strict=True)
         errors = np.array([self.table.lod_entry(s, level)[1].error for s, level in pairs], dtype=np.float64)
         errors *= self.scene.item_arrays.scale[chosen.items]
-        room = chosen.item_mm_per_px - GRADIENT * errors / camera.focal_px
-        return np.where(room > 0, errors / np.where(room > 0, room, 1.0), np.inf)
+        return screen_error_px(chosen.item_mm_per_px, errors, camera.focal_px)
 
     def _draw_list(
         self, chosen: Selection, node_px: npt.NDArray[np.float64], item_px: npt.NDArray[np.float64]

@@ -77,8 +77,8 @@ def test_pictures_are_the_same_whatever_came_before(tmp_path: Path, grid_world: 
     fly(transport_of(grid_world), tmp_path / "last", frames="4:")
     first, second = pictures(tmp_path / "all"), pictures(tmp_path / "again")
     assert all((a == b).all() for a, b in zip(first, second, strict=True))
-    alone = pictures(tmp_path / "last")[0]
-    assert (np.abs(first[4].astype(int) - alone).max(axis=-1) > 40).mean() < 0.02, "hysteresis: finer at most"
+    alone = pictures(tmp_path / "last")[0]  # surfaces may have come finer on the way to the same place
+    assert (np.abs(first[4].astype(int) - alone).max(axis=-1) > 40).mean() < 0.02
 
 
 def test_streaming_never_waits_and_gets_better(tmp_path: Path, grid_world: Any, transport_of: Any) -> None:

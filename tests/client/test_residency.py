@@ -41,7 +41,8 @@ def test_states_of_a_tile(grid_world: Any) -> None:
     assert not table.want(key)
     assert table.node[3] == 1
     assert table.node_slot[3] == 7
-    assert table.scene.node_arrays.error[3] == 0.25
+    assert table.node_error[3] == 0.25
+    assert table.scene.node_arrays.error[3] == grid_world.nodes["geometric_error"][3]
     table.forget(key)
     assert table.state(key) == TileState.RESIDENT
     broken = TileKey.of_node(4)

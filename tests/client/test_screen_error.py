@@ -67,7 +67,7 @@ def test_error_within_the_desired_one_never_shows_more(seed: int, fov: float, si
     assert math.isfinite(mm_per_px), "a box with visible points is never culled"
     error = desired_error(mm_per_px, target, camera.focal_px)
     assert worst_displacement(camera, points, error, rng) <= target * (1 + 1e-9)
-    assert screen_error_px(mm_per_px, error, camera.focal_px) == pytest.approx(target)
+    assert screen_error_px(np.array([mm_per_px]), np.array([error]), camera.focal_px) == pytest.approx(target)
 
 
 @pytest.mark.parametrize("off", [(0.0, 0.0), (0.3, 0.1), (0.0, -0.5), (0.45, 0.45)])
@@ -107,5 +107,4 @@ def test_viewer_inside_a_box_gets_the_near_plane() -> None:
 
 
 def test_errors_as_large_as_the_distance_have_no_bound() -> None:
-    assert screen_error_px(1.0, 1e6, 500.0) == math.inf
-    assert screen_error_px(1.0, 0.0, 500.0) == 0.0
+    assert screen_error_px(np.ones(2), np.array([1e6, 0.0]), 500.0).tolist() == [math.inf, 0.0]
