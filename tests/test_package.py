@@ -51,11 +51,11 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "bin"
 
 
-def run(environment: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def run(environment: Path, *arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run the environment's command as a stranger would: nothing of this process's import path."""
-    variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
+    kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     command = [str(environment / "python"), str(environment / "nurbs-ooc"), *arguments]
-    return subprocess.run(command, cwd=cwd, env=variables, capture_output=True, text=True, check=False)
+    return subprocess.run(command, cwd=cwd, env=kept | variables, capture_output=True, text=True, check=False)
 
 
 def test_wheel_holds_the_four_packages(repository: Path, wheel: Path) -> None:
@@ -77,6 +77,17 @@ def test_installed_command_shows_its_commands(environment: Path, tmp_path: Path)
     result = run(environment, "--help", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "Usage: nurbs-ooc" in result.stdout
+
+
+def test_installed_command_meshes_a_file(environment: Path, small_step: Path, tmp_path: Path) -> None:
+    # As plain Python: another folder means other machine code, and compiling it again would take minutes.
+    arguments = ["tessellate", str(small_step), "-o", "small.glb", "--error", "0.5", "--json"]
+    result = run(environment, *arguments, cwd=tmp_path, NUMBA_DISABLE_JIT="1")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["faces"] == {"read": 8, "exact": 8, "healed": 0, "degraded": 0, "failed": 0}
+    assert report["boundary_edges"] == 0
+    assert (tmp_path / "small.glb").stat().st_size == report["bytes"]
 
 
 def test_packages_come_from_the_wheel(environment: Path, tmp_path: Path) -> None:

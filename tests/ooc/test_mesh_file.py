@@ -16,8 +16,12 @@ import pytest
 import trimesh
 from click.testing import CliRunner, Result
 
+from nurbs_cache.store import Store
 from nurbs_ooc.cli.main import main
 from nurbs_ooc.export import mesh_file
+from nurbs_ooc.readers import open_assembly
+
+pytestmark = pytest.mark.kernel
 
 ERROR = 0.05
 BLOCK_MM3 = 20.0 * 20.0 * 10.0 - math.pi * 5.0**2 * 10.0
@@ -91,6 +95,16 @@ def test_several_inputs_become_one(meshed: tuple[Path, dict[str, Any]], small_st
     assert report["triangles"] == 2 * meshed[1]["triangles"]
     scene = trimesh.load(tmp_path / "both.glb", force="scene", process=False)
     assert len(scene.graph.nodes_geometry) == 4
+
+
+def test_surface_store_is_an_input(meshed: tuple[Path, dict[str, Any]], small_step: Path, tmp_path: Path) -> None:
+    path = tmp_path / "small.nurbs"
+    with open_assembly(small_step) as assembly, Store.create(path, provenance={}) as store:
+        store.put_parts((part.index, part.info, part.geometry) for part in assembly.parts())
+        store.put_scene(assembly.products, assembly.materials, assembly.occurrences, {"stored": "mm"})
+    result = tessellate(path, "-o", tmp_path / "small.glb", "--error", ERROR)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "small.glb").read_bytes() == meshed[0].read_bytes()
 
 
 def test_people_get_one_line(small_step: Path, tmp_path: Path) -> None:
