@@ -1,9 +1,9 @@
 """The one decorator for compiled kernels, with an on-disk cache that cannot go stale.
 
-numba's own cache is keyed by the file that defines a kernel, so machine code survives an edit to a
-helper in another file. Here the cache folder is named by a digest of *all* files that import this
-module and of the record layouts, of the numba and numpy versions and of the processor. Kernels may
-therefore use constants of such files only.
+By itself numba keys its cache by the file that defines a kernel, so machine code survives an edit to a
+helper in another file. Here the key is a digest of that file and of all it imports from this
+project, directly or not, of the numba and numpy versions and of the processor. It does not depend on
+where the project is installed or when its files were written.
 """
 
 from __future__ import annotations
@@ -11,61 +11,123 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import re
 import shutil
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, Self, TypeVar, cast
 
 import llvmlite.binding
 import numba
 import numpy as np
+from numba.core.caching import _CacheLocator
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-KERNEL_PACKAGES = ("nurbs_cache", "nurbs_ooc")
-KEPT_CACHES = 4  # older digests are removed: a developer's edits would otherwise fill the disk
+UNUSED_DAYS = 30  # kernels that no run has looked at for so long are removed
+_IMPORT = re.compile(rb"^\s*(?:from|import)\s+(nurbs_\w+(?:\.\w+)*)(?:\s+import\s+([^\n(#]+))?", re.MULTILINE)
+
+
+def kernel_cache_base() -> Path:
+    """Folder of all compiled kernels: ``$NURBS_OOC_KERNEL_CACHE``, or one below the user's cache folder."""
+    base = os.environ.get("NURBS_OOC_KERNEL_CACHE")
+    if base:
+        return Path(base)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "nurbs-ooc" / "kernels"
 
 
 @cache
-def kernel_cache_dir() -> Path:
-    """Folder for compiled kernels, ``$NURBS_OOC_KERNEL_CACHE`` or below the user's cache folder."""
+def _imports(path: str) -> frozenset[str]:
+    """Source files of this project that the file imports itself."""
+    found = set()
+    for module, names in _IMPORT.findall(Path(path).read_bytes()):
+        candidates = [module.decode()] + [f"{module.decode()}.{n.strip()}" for n in names.decode().split(",") if n]
+        for name in candidates:
+            try:
+                spec = importlib.util.find_spec(name)
+            except (ImportError, ValueError):
+                continue
+            if spec is not None and spec.origin is not None and spec.origin.endswith(".py"):
+                found.add(spec.origin)
+    return frozenset(found)
+
+
+@cache
+def source_digest(path: str) -> str:
+    """Digest of a source file, of all project files it depends on, and of what compiles them."""
+    seen: set[str] = set()
+    waiting = [path]
+    while waiting:
+        current = waiting.pop()
+        if current not in seen:
+            seen.add(current)
+            waiting.extend(_imports(current))
     digest = hashlib.sha256(f"{numba.__version__} {np.__version__} {llvmlite.binding.get_host_cpu_name()}".encode())
-    for package in KERNEL_PACKAGES:
-        spec = importlib.util.find_spec(package)
-        for place in (spec.submodule_search_locations or []) if spec else []:
-            for path in sorted(Path(place).rglob("*.py")):
-                text = path.read_bytes()
-                if b"nurbs_cache.jit" in text or path.name.endswith("_record.py"):
-                    digest.update(path.name.encode() + text)
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    base = Path(os.environ.get("NURBS_OOC_KERNEL_CACHE") or user_cache / "nurbs-ooc" / "kernels")
-    folder = base / digest.hexdigest()[:16]
-    if not folder.exists():
-        _drop_old(base)
-    return folder
+    for text in sorted(Path(p).read_bytes() for p in seen):
+        digest.update(hashlib.sha256(text).digest())
+    return digest.hexdigest()[:24]
 
 
-def _drop_old(base: Path) -> None:
-    """Remove all but the newest few caches; a cache in use by another process is only recompiled."""
-    if not base.is_dir():
-        return
-    folders = sorted((f for f in base.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
-    for folder in folders[KEPT_CACHES - 1 :]:
-        shutil.rmtree(folder, ignore_errors=True)
+class DigestLocator(_CacheLocator):  # type: ignore[misc]
+    """Tells numba where a kernel's machine code lies and which sources it belongs to."""
+
+    def __init__(self, module: str, path: str) -> None:
+        self._module = module
+        self._digest = source_digest(path)
+        self._folder = kernel_cache_base() / self._digest
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Self | None:
+        """The locator of a function; None where its file or the cache folder cannot be used."""
+        try:
+            locator = cls(py_func.__module__, py_file)
+            locator.ensure_cache_path()
+            os.utime(locator._folder)
+        except OSError:
+            return None
+        return locator
+
+    def get_cache_path(self) -> str:
+        """The folder named by the digest."""
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        """What the machine code was compiled from."""
+        return self._digest
+
+    def get_disambiguator(self) -> str:
+        """Tells functions of the same name apart."""
+        return self._module
+
+
+def drop_unused_kernels() -> None:
+    """Remove kernels of sources that no run has used for ``UNUSED_DAYS`` days."""
+    limit = time.time() - UNUSED_DAYS * 86400.0
+    base = kernel_cache_base()
+    for folder in base.iterdir() if base.is_dir() else []:
+        if folder.is_dir() and folder.stat().st_mtime < limit:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile ``function`` without the interpreter: no GIL, IEEE division, machine code kept on disk."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(kernel_cache_dir())
+    before = numba.config.CACHE_LOCATOR_CLASSES
+    numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{DigestLocator.__name__}"
     try:
         return cast("Callable[P, R]", numba.njit(function, cache=True, nogil=True, error_model="numpy"))
+    except RuntimeError:
+        # No folder to write to: compile in memory only.
+        return cast("Callable[P, R]", numba.njit(function, nogil=True, error_model="numpy"))
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_LOCATOR_CLASSES = before
 
 
 def helper(function: Callable[P, R]) -> Callable[P, R]:
-    """Like ``kernel`` for what only kernels call: compiled into them, nothing of its own on disk."""
-    return cast("Callable[P, R]", numba.njit(function, nogil=True, error_model="numpy"))
+    """Like ``kernel`` for what only kernels call: compiled into them, nothing of its own on disk or for Python."""
+    return cast(
+        "Callable[P, R]",
+        numba.njit(function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True),
+    )

@@ -25,20 +25,26 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
-class Pieces(NamedTuple):
-    """Piece (i, j) of surface ``s`` is row ``first[s] + i * n_v[s] + j``; its box lies between breaks."""
+# Columns of ``Pieces.index``.
+FIRST, N_U, N_V, BREAK_U, BREAK_V, NET = 0, 1, 2, 3, 4, 5
 
-    first: Ints  # (n_surfaces + 1,)
-    n_u: Ints  # (n_surfaces,), 0 for tagged surfaces
-    n_v: Ints
-    break_u: Ints  # offset of the n_u + 1 break values in ``breaks``
-    break_v: Ints
-    breaks: Floats
-    net: Ints  # (n_pieces + 1,) offset of the flat net in ``nets``
-    nets: Floats
+
+class Pieces(NamedTuple):
+    """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
+
+    index: Ints  # (n_surfaces, 6): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks and nets
+    breaks: Floats  # (n, 2): value; jump of the first derivative across it, 0 where smooth and at the ends
+    nets: Floats  # flat nets, piece after piece
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
-    crease_u: Floats  # like the breaks of u: jump of |S_u| across that break, 0 where smooth or at the ends
-    crease_v: Floats
+
+
+@helper
+def piece_net(g: Tables, p: Pieces, row: int, piece: int) -> Floats:
+    """The flat net (degree_u + 1, degree_v + 1, 3 or 4) of a piece."""
+    s = g.surfaces[row]
+    size = (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3)
+    at = p.index[row, NET] + (piece - p.index[row, FIRST]) * size
+    return p.nets[at : at + size]
 
 
 @kernel
@@ -69,8 +75,8 @@ def _list_spans(
     for i in range(degree, n):
         a, b = g.values[knots + i], g.values[knots + i + 1]
         if a < b and b > low and a < high:
-            breaks[at] = max(a, low)
-            breaks[at + 1] = min(b, high)
+            breaks[at, 0] = max(a, low)
+            breaks[at + 1, 0] = min(b, high)
             spans[at] = i
             at += 1
 
@@ -109,7 +115,8 @@ def _end_slope(p: Pieces, g: Tables, row: int, piece: int, along_u: bool, at_end
     dim = 4 if s.rational else 3
     degree = s.degree_u if along_u else s.degree_v
     step = (s.degree_v + 1) * dim if along_u else dim
-    base = p.net[piece] + (other * dim if along_u else other * (s.degree_v + 1) * dim)
+    base = p.index[row, NET] + (piece - p.index[row, FIRST]) * (s.degree_u + 1) * (s.degree_v + 1) * dim
+    base += (other * dim if along_u else other * (s.degree_v + 1) * dim)
     near = base + (degree * step if at_end else 0)
     far = base + ((degree - 1) * step if at_end else step)
     sign = 1.0 if at_end else -1.0
@@ -128,15 +135,15 @@ def _crease(p: Pieces, g: Tables, row: int, along_u: bool, i: int) -> float:
     left = np.empty(3)
     right = np.empty(3)
     degree = s.degree_v if along_u else s.degree_u
-    count = p.n_v[row] if along_u else p.n_u[row]
-    at = p.break_u[row] if along_u else p.break_v[row]
-    h0 = p.breaks[at + i] - p.breaks[at + i - 1]
-    h1 = p.breaks[at + i + 1] - p.breaks[at + i]
+    count = p.index[row, N_V] if along_u else p.index[row, N_U]
+    at = p.index[row, BREAK_U] if along_u else p.index[row, BREAK_V]
+    h0 = p.breaks[at + i, 0] - p.breaks[at + i - 1, 0]
+    h1 = p.breaks[at + i + 1, 0] - p.breaks[at + i, 0]
     worst = 0.0
     scale = 0.0
     for j in range(count):
-        a = p.first[row] + ((i - 1) * p.n_v[row] + j if along_u else j * p.n_v[row] + i - 1)
-        b = p.first[row] + (i * p.n_v[row] + j if along_u else j * p.n_v[row] + i)
+        a = p.index[row, FIRST] + ((i - 1) * p.index[row, N_V] + j if along_u else j * p.index[row, N_V] + i - 1)
+        b = p.index[row, FIRST] + (i * p.index[row, N_V] + j if along_u else j * p.index[row, N_V] + i)
         for k in range(degree + 1):
             _end_slope(p, g, row, a, along_u, True, k, h0, left)
             _end_slope(p, g, row, b, along_u, False, k, h1, right)
@@ -169,43 +176,32 @@ def _fill(g: Tables, p: Pieces) -> None:
     work = np.empty((2, MAX_DEGREE + 2, 4))
     box = np.empty(4)
     for row in range(len(g.surfaces)):
-        if p.n_u[row] == 0 or p.n_v[row] == 0:
+        if p.index[row, N_U] == 0 or p.index[row, N_V] == 0:
             continue
         s = g.surfaces[row]
-        if p.n_u[row] > len(spans_u):
-            spans_u = np.empty(2 * p.n_u[row], dtype=np.int64)
-        if p.n_v[row] > len(spans_v):
-            spans_v = np.empty(2 * p.n_v[row], dtype=np.int64)
-        breaks_u = p.breaks[p.break_u[row] : p.break_u[row] + p.n_u[row] + 1]
-        breaks_v = p.breaks[p.break_v[row] : p.break_v[row] + p.n_v[row] + 1]
+        if p.index[row, N_U] > len(spans_u):
+            spans_u = np.empty(2 * p.index[row, N_U], dtype=np.int64)
+        if p.index[row, N_V] > len(spans_v):
+            spans_v = np.empty(2 * p.index[row, N_V], dtype=np.int64)
+        breaks_u = p.breaks[p.index[row, BREAK_U] : p.index[row, BREAK_U] + p.index[row, N_U] + 1]
+        breaks_v = p.breaks[p.index[row, BREAK_V] : p.index[row, BREAK_V] + p.index[row, N_V] + 1]
         _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans_u)
         _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans_v)
         dim = 4 if s.rational else 3
-        for i in range(p.n_u[row]):
-            for j in range(p.n_v[row]):
-                piece = p.first[row] + i * p.n_v[row] + j
-                box[0], box[1] = breaks_u[i], breaks_u[i + 1]
-                box[2], box[3] = breaks_v[j], breaks_v[j + 1]
-                net = p.nets[p.net[piece] : p.net[piece + 1]]
+        for i in range(p.index[row, N_U]):
+            for j in range(p.index[row, N_V]):
+                piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
+                box[0], box[1] = breaks_u[i, 0], breaks_u[i + 1, 0]
+                box[2], box[3] = breaks_v[j, 0], breaks_v[j + 1, 0]
+                net = piece_net(g, p, row, piece)
                 _piece_net(g, row, spans_u[i], spans_v[j], box, work, net)
                 net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], p.bounds[piece])
-        for i in range(1, p.n_u[row]):
-            if _multiple(g, s.knots_u, s.n_u, s.degree_u, breaks_u[i]):
-                p.crease_u[p.break_u[row] + i] = _crease(p, g, row, True, i)
-        for j in range(1, p.n_v[row]):
-            if _multiple(g, s.knots_v, s.n_v, s.degree_v, breaks_v[j]):
-                p.crease_v[p.break_v[row] + j] = _crease(p, g, row, False, j)
-
-
-@kernel
-def _net_offsets(g: Tables, n_u: Ints, n_v: Ints, net: Ints) -> None:
-    at = 0
-    for row in range(len(g.surfaces)):
-        s = g.surfaces[row]
-        size = (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3)
-        for _ in range(n_u[row] * n_v[row]):
-            net[at + 1] = net[at] + size
-            at += 1
+        for i in range(1, p.index[row, N_U]):
+            if _multiple(g, s.knots_u, s.n_u, s.degree_u, breaks_u[i, 0]):
+                p.breaks[p.index[row, BREAK_U] + i, 1] = _crease(p, g, row, True, i)
+        for j in range(1, p.index[row, N_V]):
+            if _multiple(g, s.knots_v, s.n_v, s.degree_v, breaks_v[j, 0]):
+                p.breaks[p.index[row, BREAK_V] + j, 1] = _crease(p, g, row, False, j)
 
 
 def bezier_pieces(g: Tables) -> Pieces:
@@ -220,18 +216,21 @@ def bezier_pieces(g: Tables) -> Pieces:
     n = len(g.surfaces)
     n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
     _count(g, n_u, n_v)
-    first = np.concatenate([[0], np.cumsum(n_u * n_v)]).astype(np.int64)
-    counts = np.where(n_u > 0, n_u + 1, 0), np.where(n_v > 0, n_v + 1, 0)
-    starts = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
-    breaks = np.zeros(int(starts[-1]))
-    net = np.zeros(int(first[-1]) + 1, np.int64)
-    _net_offsets(g, n_u, n_v, net)
-    nets = np.zeros(int(net[-1]))
-    bounds = np.zeros((int(first[-1]), 5))
-    pieces = Pieces(
-        first, n_u, n_v, starts[:n].copy(), starts[n : 2 * n].copy(), breaks, net, nets, bounds,
-        np.zeros_like(breaks), np.zeros_like(breaks),
-    )  # fmt: skip
+    s = g.surfaces
+    size = (s["degree_u"].astype(np.int64) + 1) * (s["degree_v"] + 1) * np.where(s["rational"] != 0, 4, 3)
+    index = np.zeros((n, 6), np.int64)
+    index[:, N_U], index[:, N_V] = n_u, n_v
+    totals = []
+    for column, counts in (
+        (FIRST, n_u * n_v),
+        (BREAK_U, np.where(n_u > 0, n_u + n_v + 2, 0)),
+        (NET, n_u * n_v * size),
+    ):
+        ends = np.cumsum(counts)
+        index[:, column] = ends - counts
+        totals.append(int(ends[-1]) if n else 0)
+    index[:, BREAK_V] = index[:, BREAK_U] + n_u + 1
+    pieces = Pieces(index, np.zeros((totals[1], 2)), np.zeros(totals[2]), np.zeros((totals[0], 5)))
     _fill(g, pieces)
     return pieces
 
@@ -243,7 +242,7 @@ def find_break(p: Pieces, at: int, n: int, t: float) -> int:
     high = n
     while high - low > 1:
         middle = (low + high) // 2
-        if p.breaks[at + middle] <= t:
+        if p.breaks[at + middle, 0] <= t:
             low = middle
         else:
             high = middle
@@ -260,13 +259,13 @@ def box_bounds(
         return
     for k in range(5):
         out[k] = 0.0
-    i0 = find_break(p, p.break_u[row], p.n_u[row], u0)
-    j0 = find_break(p, p.break_v[row], p.n_v[row], v0)
+    i0 = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], u0)
+    j0 = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], v0)
     i = i0
-    while i < p.n_u[row] and (i == i0 or p.breaks[p.break_u[row] + i] < u1):
+    while i < p.index[row, N_U] and (i == i0 or p.breaks[p.index[row, BREAK_U] + i, 0] < u1):
         j = j0
-        while j < p.n_v[row] and (j == j0 or p.breaks[p.break_v[row] + j] < v1):
-            piece = p.first[row] + i * p.n_v[row] + j
+        while j < p.index[row, N_V] and (j == j0 or p.breaks[p.index[row, BREAK_V] + j, 0] < v1):
+            piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
             for k in range(5):
                 out[k] = max(out[k], p.bounds[piece, k])
             j += 1
@@ -282,18 +281,18 @@ def crease_charge(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: floa
     """
     charge = 0.0
     for direction in range(2):
-        n = p.n_u[row] if direction == 0 else p.n_v[row]
+        n = p.index[row, N_U] if direction == 0 else p.index[row, N_V]
         if n < 2:
             continue
-        at = p.break_u[row] if direction == 0 else p.break_v[row]
+        at = p.index[row, BREAK_U] if direction == 0 else p.index[row, BREAK_V]
         low = u0 if direction == 0 else v0
         high = u1 if direction == 0 else v1
         i = find_break(p, at, n, low) + 1
-        while i < n and p.breaks[at + i] < high:
-            jump = p.crease_u[at + i] if direction == 0 else p.crease_v[at + i]
+        while i < n and p.breaks[at + i, 0] < high:
+            jump = p.breaks[at + i, 1]
             if jump > 0.0:
-                x = p.breaks[at + i] - low
-                y = high - p.breaks[at + i]
+                x = p.breaks[at + i, 0] - low
+                y = high - p.breaks[at + i, 0]
                 if x > 0.0 and y > 0.0:
                     charge += jump * x * y / (x + y)
             i += 1

@@ -13,23 +13,27 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper
 
 Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 LATTICE = 1 << 29  # size of the content; the enclosing box is at most twice as large
 IN_CIRCLE_MARGIN = 1e-12
 
 
 @helper
-def orient(x: Ints, y: Ints, a: int, b: int, c: int) -> int:
-    """Twice the signed area of the triangle of lattice points a, b, c; positive if counter-clockwise."""
-    return (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+def orient(points: Ints, a: int, b: int, c: int) -> int:
+    """Twice the signed area of the triangle of rows a, b, c of ``points`` (x, y, ...); positive if counter-clockwise."""
+    x, y = points[a, 0], points[a, 1]
+    return (points[b, 0] - x) * (points[c, 1] - y) - (points[b, 1] - y) * (points[c, 0] - x)
 
 
 @helper
-def in_circle(x: Ints, y: Ints, sx: float, sy: float, a: int, b: int, c: int, d: int) -> bool:
-    """Whether d lies clearly inside the circle through a, b, c (counter-clockwise), axes scaled by sx, sy."""
-    ax, ay = (x[a] - x[d]) * sx, (y[a] - y[d]) * sy
-    bx, by = (x[b] - x[d]) * sx, (y[b] - y[d]) * sy
-    cx, cy = (x[c] - x[d]) * sx, (y[c] - y[d]) * sy
+def in_circle(points: Ints, scale: Floats, a: int, b: int, c: int, d: int) -> bool:
+    """Whether d lies clearly inside the circle through a, b, c (counter-clockwise), axes scaled by ``scale`` (2,)."""
+    x, y = points[d, 0], points[d, 1]
+    sx, sy = scale[0], scale[1]
+    ax, ay = (points[a, 0] - x) * sx, (points[a, 1] - y) * sy
+    bx, by = (points[b, 0] - x) * sx, (points[b, 1] - y) * sy
+    cx, cy = (points[c, 0] - x) * sx, (points[c, 1] - y) * sy
     la, lb, lc = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
     p, q, r = bx * cy - cx * by, ax * cy - cx * ay, ax * by - bx * ay
     return la * p - lb * q + lc * r > IN_CIRCLE_MARGIN * (la * abs(p) + lb * abs(q) + lc * abs(r))

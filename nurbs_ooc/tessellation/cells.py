@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import helper
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, net_bounds, restrict_net
-from nurbs_ooc.bounds.pieces import Pieces, box_bounds, find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, find_break, piece_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -39,15 +39,16 @@ WORTH = 0.85
 MAX_CELLS = 1 << 20
 
 
-class Cells(NamedTuple):
-    """A kd-tree in arrays; node 0 is the root, children are consecutive."""
+# Columns of ``Cells.node`` and ``Cells.box``.
+CHILD, AXIS, GRID = 0, 1, 2
+CUT, SECOND = 4, 5
 
-    child: Ints  # first child, -1 for a leaf
-    axis: Ints  # 0: split in u, 1: in v
-    cut: Floats
-    box: Floats  # (n, 4) u0, u1, v0, v1
-    second: Floats  # (n, 3) |S_uu|, |S_uv|, |S_vv|
-    grid: Ints  # (n, 2) columns and rows of a leaf
+
+class Cells(NamedTuple):
+    """A kd-tree in two arrays; row 0 is the root, children are consecutive."""
+
+    node: Ints  # (n, 4): first child (-1: a leaf), axis of the split (0: u, 1: v), columns and rows of a leaf
+    box: Floats  # (n, 8): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|
 
 
 @helper
@@ -102,20 +103,20 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
     s = g.surfaces[row]
     single = True
     if s.kind == NURBS:
-        i = find_break(p, p.break_u[row], p.n_u[row], box[0])
-        j = find_break(p, p.break_v[row], p.n_v[row], box[2])
-        at_u, at_v = p.break_u[row] + i, p.break_v[row] + j
-        single = box[1] <= p.breaks[at_u + 1] and box[3] <= p.breaks[at_v + 1]
+        i = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], box[0])
+        j = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], box[2])
+        at_u, at_v = p.index[row, BREAK_U] + i, p.index[row, BREAK_V] + j
+        single = box[1] <= p.breaks[at_u + 1, 0] and box[3] <= p.breaks[at_v + 1, 0]
         if single:
-            piece = p.first[row] + i * p.n_v[row] + j
-            a, b = p.breaks[at_u], p.breaks[at_u + 1]
+            piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
+            a, b = p.breaks[at_u, 0], p.breaks[at_u + 1, 0]
             scratch.sub[0] = max((box[0] - a) / (b - a), 0.0)
             scratch.sub[1] = min((box[1] - a) / (b - a), 1.0)
-            a, b = p.breaks[at_v], p.breaks[at_v + 1]
+            a, b = p.breaks[at_v, 0], p.breaks[at_v + 1, 0]
             scratch.sub[2] = max((box[2] - a) / (b - a), 0.0)
             scratch.sub[3] = min((box[3] - a) / (b - a), 1.0)
-            net = p.nets[p.net[piece] : p.net[piece + 1]]
             dim = 4 if s.rational else 3
+            net = piece_net(g, p, row, piece)
             if scratch.sub[0] > 0.0 or scratch.sub[1] < 1.0 or scratch.sub[2] > 0.0 or scratch.sub[3] < 1.0:
                 restrict_net(net, s.degree_u, s.degree_v, dim, scratch.sub, scratch.net, scratch.line)
                 net_bounds(
@@ -138,10 +139,10 @@ def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     middle = 0.5 * (low + high)
     if g.surfaces[row].kind != NURBS:
         return middle
-    at = p.break_u[row] if along_u else p.break_v[row]
-    n = p.n_u[row] if along_u else p.n_v[row]
+    at = p.index[row, BREAK_U] if along_u else p.index[row, BREAK_V]
+    n = p.index[row, N_U] if along_u else p.index[row, N_V]
     i = find_break(p, at, n, middle)
-    below, above = p.breaks[at + i], p.breaks[at + i + 1]
+    below, above = p.breaks[at + i, 0], p.breaks[at + i + 1, 0]
     best = middle
     found = False
     if below > low:
@@ -155,29 +156,24 @@ def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
 @helper
 def _grown(c: Cells, n: int) -> Cells:
     """``c`` with room for at least n nodes."""
-    if n <= len(c.child):
+    m = len(c.node)
+    if n <= m:
         return c
-    size = 2 * n
-    child = np.empty(size, dtype=np.int64)
-    axis = np.empty(size, dtype=np.int64)
-    cut = np.empty(size)
-    box = np.empty((size, 4))
-    second = np.empty((size, 3))
-    grid = np.empty((size, 2), dtype=np.int64)
-    m = len(c.child)
-    child[:m], axis[:m], cut[:m], box[:m], second[:m], grid[:m] = c.child, c.axis, c.cut, c.box, c.second, c.grid
-    return Cells(child, axis, cut, box, second, grid)
+    node = np.empty((2 * n, 4), dtype=np.int64)
+    box = np.empty((2 * n, 8))
+    node[:m], box[:m] = c.node, c.box
+    return Cells(node, box)
 
 
 @helper
 def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
     """Whether to split along u: the direction of more columns, or, at equal counts, of more knots."""
-    nu, nv = c.grid[node, 0], c.grid[node, 1]
+    nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
     if single or g.surfaces[row].kind != NURBS:
         return nu >= nv
     b = c.box[node]
-    spans_u = find_break(p, p.break_u[row], p.n_u[row], b[1]) - find_break(p, p.break_u[row], p.n_u[row], b[0])
-    spans_v = find_break(p, p.break_v[row], p.n_v[row], b[3]) - find_break(p, p.break_v[row], p.n_v[row], b[2])
+    spans_u = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], b[1]) - find_break(p, p.index[row, BREAK_U], p.index[row, N_U], b[0])
+    spans_v = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], b[3]) - find_break(p, p.index[row, BREAK_V], p.index[row, N_V], b[2])
     if nu == nv:
         return spans_u >= spans_v
     return nu > nv
@@ -187,23 +183,20 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
 def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scratch: CellScratch) -> Cells:
     """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
     start = 64
-    c = Cells(
-        np.empty(start, dtype=np.int64), np.empty(start, dtype=np.int64), np.empty(start), np.empty((start, 4)),
-        np.empty((start, 3)), np.empty((start, 2), dtype=np.int64),
-    )  # fmt: skip
+    c = Cells(np.empty((start, 4), dtype=np.int64), np.empty((start, 8)))
     for k in range(4):
         c.box[0, k] = box[k]
     n = 1
     depth = np.zeros(start, dtype=np.int64)
     inner = np.zeros(start, dtype=np.int64)  # 1: the cell lies within one piece
-    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.second[0]) else 0
-    c.grid[0, 0], c.grid[0, 1] = grid_counts(
-        c.second[0, 0], c.second[0, 1], c.second[0, 2], box[1] - box[0], box[3] - box[2], error
+    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.box[0, SECOND : SECOND + 3]) else 0
+    c.node[0, GRID + 0], c.node[0, GRID + 1] = grid_counts(
+        c.box[0, SECOND + 0], c.box[0, SECOND + 1], c.box[0, SECOND + 2], box[1] - box[0], box[3] - box[2], error
     )
     node = 0
     while node < n:
-        c.child[node] = -1
-        cost = float(c.grid[node, 0]) * float(c.grid[node, 1])
+        c.node[node, CHILD] = -1
+        cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
         if cost > 1.0 and depth[node] < MAX_DEPTH and n < MAX_CELLS:
             c = _grown(c, n + 2)
             if n + 2 > len(depth):
@@ -223,24 +216,24 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
                     c.box[kid, 1 - k] = cut
                 else:
                     c.box[kid, 3 - k] = cut
-                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.second[kid]) else 0
+                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.box[kid, SECOND : SECOND + 3]) else 0
                 for m in range(3):
-                    c.second[kid, m] = min(c.second[kid, m], c.second[node, m])
+                    c.box[kid, SECOND + m] = min(c.box[kid, SECOND + m], c.box[node, SECOND + m])
                 b = c.box[kid]
                 nu, nv = grid_counts(
-                    c.second[kid, 0], c.second[kid, 1], c.second[kid, 2], b[1] - b[0], b[3] - b[2], error
+                    c.box[kid, SECOND + 0], c.box[kid, SECOND + 1], c.box[kid, SECOND + 2], b[1] - b[0], b[3] - b[2], error
                 )
-                c.grid[kid, 0], c.grid[kid, 1] = nu, nv
+                c.node[kid, GRID + 0], c.node[kid, GRID + 1] = nu, nv
                 both += float(nu) * float(nv)
                 depth[kid] = depth[node] + 1
-            large = c.grid[node, 0] > MAX_GRID or c.grid[node, 1] > MAX_GRID
+            large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
             if both <= WORTH * cost or (not single and cost > 4.0) or large:
-                c.child[node] = n
-                c.axis[node] = 0 if along_u else 1
-                c.cut[node] = cut
+                c.node[node, CHILD] = n
+                c.node[node, AXIS] = 0 if along_u else 1
+                c.box[node, CUT] = cut
                 n += 2
         node += 1
-    return Cells(c.child[:n], c.axis[:n], c.cut[:n], c.box[:n], c.second[:n], c.grid[:n])
+    return Cells(c.node[:n], c.box[:n])
 
 
 @helper
@@ -252,14 +245,14 @@ def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, stack: Int
     while top > 0:
         top -= 1
         node = stack[top]
-        if c.child[node] < 0:
+        if c.node[node, CHILD] < 0:
             for k in range(3):
-                out[k] = max(out[k], c.second[node, k])
+                out[k] = max(out[k], c.box[node, SECOND + k])
             continue
-        low, high = (u0, u1) if c.axis[node] == 0 else (v0, v1)
-        if low < c.cut[node] or high <= c.cut[node]:
-            stack[top] = c.child[node]
+        low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
+        if low < c.box[node, CUT] or high <= c.box[node, CUT]:
+            stack[top] = c.node[node, CHILD]
             top += 1
-        if high > c.cut[node]:
-            stack[top] = c.child[node] + 1
+        if high > c.box[node, CUT]:
+            stack[top] = c.node[node, CHILD] + 1
             top += 1

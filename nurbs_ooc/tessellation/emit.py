@@ -11,7 +11,7 @@ from nurbs_cache.jit import helper
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.refine import Frame
-from nurbs_ooc.tessellation.triangulate import N_POINTS, N_TRIANGLES, Triangulation
+from nurbs_ooc.tessellation.triangulate import INSIDE, N_POINTS, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
 Floats = npt.NDArray[np.float64]
@@ -103,12 +103,12 @@ def emit_face(
     normal = np.empty(3)
     reverse = g.surfaces[row].reversed != 0
     for k in range(t.n[N_TRIANGLES]):
-        if t.inside[k] == 0:
+        if t.tri[k, INSIDE] == 0:
             continue
         for i in range(3):
             c = t.tri[k, i]
             if number[c] < 0:
-                u, v = f.u0 + t.x[c] * f.du, f.v0 + t.y[c] * f.dv
+                u, v = f.u0 + t.points[c, 0] * f.du, f.v0 + t.points[c, 1] * f.dv
                 surface_point(g, row, u, v, scratch, at)
                 surface_normal(g, row, u, v, scratch, at, normal)
                 number[c] = _put_vertex(o, at, normal, u, v)

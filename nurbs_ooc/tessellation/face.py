@@ -20,11 +20,12 @@ from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import Cells, CellScratch, build_cells
+from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, CellScratch, build_cells
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length
 from nurbs_ooc.tessellation.refine import DONE, FULL, Check, Frame, certify, insert_grids
 from nurbs_ooc.tessellation.triangulate import (
+    INSIDE,
     N_TRIANGLES,
     Triangulation,
     flood_inside,
@@ -58,13 +59,13 @@ def _metric(c: Cells) -> tuple[float, float]:
     area = 0.0
     su = 0.0
     sv = 0.0
-    for node in range(len(c.child)):
-        if c.child[node] >= 0:
+    for node in range(len(c.node)):
+        if c.node[node, CHILD] >= 0:
             continue
         a, b = c.box[node, 1] - c.box[node, 0], c.box[node, 3] - c.box[node, 2]
         area += a * b
-        su += a * b * (c.grid[node, 0] / a) ** 2
-        sv += a * b * (c.grid[node, 1] / b) ** 2
+        su += a * b * (c.node[node, GRID + 0] / a) ** 2
+        sv += a * b * (c.node[node, GRID + 1] / b) ** 2
     return math.sqrt(su / area), math.sqrt(sv / area)
 
 
@@ -72,9 +73,9 @@ def _metric(c: Cells) -> tuple[float, float]:
 def _grid_points(c: Cells) -> float:
     """Grid points of all leaves together."""
     total = 0.0
-    for node in range(len(c.child)):
-        if c.child[node] < 0:
-            total += (c.grid[node, 0] + 1.0) * (c.grid[node, 1] + 1.0)
+    for node in range(len(c.node)):
+        if c.node[node, CHILD] < 0:
+            total += (c.node[node, GRID + 0] + 1.0) * (c.node[node, GRID + 1] + 1.0)
     return total
 
 
@@ -98,7 +99,7 @@ def _constrain(
     t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: Ints
 ) -> tuple[int, float]:
     """Insert all loop segments; how many crossed others, and the longest of those, mm."""
-    pairs = np.empty((len(t.tri), 2), dtype=np.int32)
+    pairs = np.empty((len(t.tri), 2), dtype=np.int64)
     crossed = np.empty(2, dtype=np.int64)
     lost = 0
     longest = 0.0
@@ -126,7 +127,7 @@ def _triangulate_loops(t: Triangulation, b: Boundary, f: Frame, point: Ints, own
 @helper
 def _any_inside(t: Triangulation) -> bool:
     for k in range(t.n[N_TRIANGLES]):
-        if t.inside[k] != 0:
+        if t.tri[k, INSIDE] != 0:
             return True
     return False
 
@@ -167,7 +168,7 @@ def tessellate_face(
     room = int(min(n + 2.0 * _grid_points(c) + 3.0 * n + 64.0, float(MAX_POINTS)))
     while True:
         t = new_triangulation(room, du * f.du * LATTICE, dv * f.dv * LATTICE)
-        owner = np.full(len(t.x), -1, dtype=np.int64)
+        owner = np.full(len(t.points), -1, dtype=np.int64)
         status, reason, extra = 0, 0, 0.0
         _triangulate_loops(t, b, f, point, owner)
         lost, longest = _constrain(t, b, point, owner, wanted)

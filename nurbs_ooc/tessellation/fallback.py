@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper
-from nurbs_ooc.tessellation.triangulate import N_OUTER, N_TRIANGLES, Triangulation
+from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
 Ints = npt.NDArray[np.int64]
@@ -24,17 +24,17 @@ def mask_inside(t: Triangulation, b: Boundary, point: Ints) -> None:
     """Set ``inside`` of every triangle by its centre and the loops ``b``; ``point`` maps them to lattice points."""
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, 0] < N_OUTER or t.tri[k, 1] < N_OUTER or t.tri[k, 2] < N_OUTER:
-            t.inside[k] = 0
+            t.tri[k, INSIDE] = 0
             continue
-        x = (t.x[t.tri[k, 0]] + t.x[t.tri[k, 1]] + t.x[t.tri[k, 2]]) / 3.0
-        y = (t.y[t.tri[k, 0]] + t.y[t.tri[k, 1]] + t.y[t.tri[k, 2]]) / 3.0
+        x = (t.points[t.tri[k, 0], 0] + t.points[t.tri[k, 1], 0] + t.points[t.tri[k, 2], 0]) / 3.0
+        y = (t.points[t.tri[k, 0], 1] + t.points[t.tri[k, 1], 1] + t.points[t.tri[k, 2], 1]) / 3.0
         odd = 0
         for i in range(len(b.next)):
             p, q = point[i], point[b.next[i]]
-            yp, yq = float(t.y[p]), float(t.y[q])
-            if (yp > y) != (yq > y) and x > t.x[p] + (y - yp) / (yq - yp) * (t.x[q] - t.x[p]):
+            yp, yq = float(t.points[p, 1]), float(t.points[q, 1])
+            if (yp > y) != (yq > y) and x > t.points[p, 0] + (y - yp) / (yq - yp) * (t.points[q, 0] - t.points[p, 0]):
                 odd ^= 1
-        t.inside[k] = odd
+        t.tri[k, INSIDE] = odd
 
 
 @helper

@@ -21,8 +21,11 @@ from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, crease_charge
 from nurbs_ooc.geometry.surface import NURBS, PLANE
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import Cells, cell_bounds
+from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, cell_bounds
 from nurbs_ooc.tessellation.triangulate import (
+    INSIDE,
+    CHECKED,
+    FIXED,
     LAST,
     N_OUTER,
     N_POINTS,
@@ -63,13 +66,13 @@ def _too_close(t: Triangulation, k: int, p: int, hx: float, hy: float) -> bool:
     """Whether point p is too near to a corner or a boundary edge of its triangle, in units of the grid."""
     for i in range(3):
         c = t.tri[k, i]
-        dx, dy = (t.x[c] - t.x[p]) / hx, (t.y[c] - t.y[p]) / hy
+        dx, dy = (t.points[c, 0] - t.points[p, 0]) / hx, (t.points[c, 1] - t.points[p, 1]) / hy
         if dx * dx + dy * dy < CLEARANCE * CLEARANCE:
             return True
-        if t.fixed[k, i] > 0:
+        if t.tri[k, FIXED + i] > 0:
             a, b = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-            ex, ey = (t.x[b] - t.x[a]) / hx, (t.y[b] - t.y[a]) / hy
-            wx, wy = (t.x[p] - t.x[a]) / hx, (t.y[p] - t.y[a]) / hy
+            ex, ey = (t.points[b, 0] - t.points[a, 0]) / hx, (t.points[b, 1] - t.points[a, 1]) / hy
+            wx, wy = (t.points[p, 0] - t.points[a, 0]) / hx, (t.points[p, 1] - t.points[a, 1]) / hy
             cross = ex * wy - ey * wx
             if cross * cross < CLEARANCE * CLEARANCE * (ex * ex + ey * ey):
                 return True
@@ -80,11 +83,11 @@ def _too_close(t: Triangulation, k: int, p: int, hx: float, hy: float) -> bool:
 def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
     """Insert a grid point if it lies inside and clear of what is there; FULL if there is no room."""
     p = t.n[N_POINTS]
-    if p >= len(t.x):
+    if p >= len(t.points):
         return FULL
-    t.x[p], t.y[p] = px, py
+    t.points[p, 0], t.points[p, 1] = px, py
     k, on = locate(t, p)
-    if t.inside[k] == 0 or on >= 4 or (on < 3 and t.fixed[k, on] > 0) or _too_close(t, k, p, hx, hy):
+    if t.tri[k, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[k, FIXED + on] > 0) or _too_close(t, k, p, hx, hy):
         return DONE
     t.n[N_POINTS] = p + 1
     split(t, k, on, p)
@@ -95,11 +98,11 @@ def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
 def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
     """Offer the grid points of all leaves that do not lie on the root's border."""
     root = c.box[0]
-    for node in range(len(c.child)):
-        if c.child[node] >= 0:
+    for node in range(len(c.node)):
+        if c.node[node, CHILD] >= 0:
             continue
-        nu, nv = c.grid[node, 0], c.grid[node, 1]
-        u0, u1, v0, v1 = c.box[node]
+        nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
+        u0, u1, v0, v1 = c.box[node, 0], c.box[node, 1], c.box[node, 2], c.box[node, 3]
         hx, hy = (u1 - u0) / nu / f.du, (v1 - v0) / nv / f.dv
         i_low, i_high = (1 if u0 <= root[0] else 0), (nu - 1 if u1 >= root[1] else nu)
         j_low, j_high = (1 if v0 <= root[2] else 0), (nv - 1 if v1 >= root[3] else nv)
@@ -120,10 +123,10 @@ def _bound(
 ) -> float:
     """Deviation bound of triangle k, mm; its second-derivative bounds stay in ``check.second``."""
     a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
-    u0 = f.u0 + f.du * min(t.x[a], t.x[b], t.x[d])
-    u1 = f.u0 + f.du * max(t.x[a], t.x[b], t.x[d])
-    v0 = f.v0 + f.dv * min(t.y[a], t.y[b], t.y[d])
-    v1 = f.v0 + f.dv * max(t.y[a], t.y[b], t.y[d])
+    u0 = f.u0 + f.du * min(t.points[a, 0], t.points[b, 0], t.points[d, 0])
+    u1 = f.u0 + f.du * max(t.points[a, 0], t.points[b, 0], t.points[d, 0])
+    v0 = f.v0 + f.dv * min(t.points[a, 1], t.points[b, 1], t.points[d, 1])
+    v1 = f.v0 + f.dv * max(t.points[a, 1], t.points[b, 1], t.points[d, 1])
     m = check.second
     charge = 0.0
     if g.surfaces[row].kind == NURBS:
@@ -140,7 +143,7 @@ def _bound(
 @helper
 def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
     """The bound of the edge a-b alone, under the second derivatives ``m``."""
-    x, y = abs(t.x[a] - t.x[b]) * f.du, abs(t.y[a] - t.y[b]) * f.dv
+    x, y = abs(t.points[a, 0] - t.points[b, 0]) * f.du, abs(t.points[a, 1] - t.points[b, 1]) * f.dv
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
 
 
@@ -153,7 +156,7 @@ def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blam
     fixed = -1
     for i in range(3):
         q = _length(t, f, m, t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3])
-        if t.fixed[k, i] > 0:
+        if t.tri[k, FIXED + i] > 0:
             if q > longest_fixed:
                 longest_fixed, fixed = q, i
         elif q > longest_free:
@@ -164,18 +167,18 @@ def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blam
             blame[0] += 1
         return LONG_EDGE
     p = t.n[N_POINTS]
-    if p >= len(t.x):
+    if p >= len(t.points):
         return FULL
     if free >= 0 and longest_free >= longest_fixed:
         a, b = t.tri[k, (free + 1) % 3], t.tri[k, (free + 2) % 3]
-        t.x[p], t.y[p] = (t.x[a] + t.x[b]) // 2, (t.y[a] + t.y[b]) // 2
+        t.points[p, 0], t.points[p, 1] = (t.points[a, 0] + t.points[b, 0]) // 2, (t.points[a, 1] + t.points[b, 1]) // 2
     else:
         a, b, c = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3], t.tri[k, fixed]
-        t.x[p] = (t.x[a] + t.x[b]) // 4 + t.x[c] // 2
-        t.y[p] = (t.y[a] + t.y[b]) // 4 + t.y[c] // 2
+        t.points[p, 0] = (t.points[a, 0] + t.points[b, 0]) // 4 + t.points[c, 0] // 2
+        t.points[p, 1] = (t.points[a, 1] + t.points[b, 1]) // 4 + t.points[c, 1] // 2
     t.n[LAST] = k
     where, on = locate(t, p)
-    if t.inside[where] == 0 or on >= 4 or (on < 3 and t.fixed[where, on] > 0):
+    if t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
         # The lattice is exhausted here; the triangle stays with the bound it has.
         return DONE
     t.n[N_POINTS] = p + 1
@@ -199,10 +202,10 @@ def certify(
         again = False
         k = 0
         while k < t.n[N_TRIANGLES]:
-            if t.inside[k] == 0 or t.checked[k] != 0:
+            if t.tri[k, INSIDE] == 0 or t.tri[k, CHECKED] != 0:
                 k += 1
                 continue
-            t.checked[k] = 1
+            t.tri[k, CHECKED] = 1
             bound = _bound(g, p, row, c, f, t, k, check)
             if bound > target:
                 before = t.n[N_POINTS]
@@ -214,6 +217,6 @@ def certify(
                 again = again or t.n[N_POINTS] > before
             k += 1
     for k in range(t.n[N_TRIANGLES]):
-        if t.inside[k] != 0:
+        if t.tri[k, INSIDE] != 0:
             worst = max(worst, _bound(g, p, row, c, f, t, k, check))
     return code, worst
