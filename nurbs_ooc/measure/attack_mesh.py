@@ -24,7 +24,7 @@ from nurbs_ooc.measure.exact_surface import normals, points
 from nurbs_ooc.measure.face_sampler import sample_faces
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.mesh_sampler import sample_triangles
-from nurbs_ooc.measure.trim_region import TrimRegion
+from nurbs_ooc.measure.trim_region import TrimRegion, inside_for_sure
 from nurbs_ooc.measure.violation import Violation
 from nurbs_ooc.tessellation.mesh import MeshBatch
 
@@ -196,13 +196,8 @@ class _Attack:
 
     def _really_inside(self, face: Indices, uv: Floats) -> npt.NDArray[np.bool_]:
         """Test again with loops cut a thousand times finer."""
-        inside = np.zeros(len(face), bool)
-        for f in np.unique(face):
-            own = face == f
-            tolerance = max(FINER * REGION_SHARE * self.certified[self.alive[f]], FINEST * FINER * self.size)
-            fine = TrimRegion(self.geometry, self.region.faces[[f]], tolerance)
-            inside[own] = fine.contains(0, uv[own])
-        return inside
+        tolerance = FINER * np.maximum(REGION_SHARE * self.certified[self.alive], FINEST * self.size)
+        return inside_for_sure(self.geometry, self.region.faces[face], uv, tolerance[face])
 
     def _mesh_to_surface(self) -> None:
         mesh, report = self.mesh, self.report

@@ -255,3 +255,17 @@ class TrimRegion:
         lists = (self._strip_start, self._entry_start, self._entries)
         _inside(self.segments, self.bounds, *lists, of, at, out)
         return out
+
+
+def inside_for_sure(
+    geometry: GeometryBatch,
+    rows: npt.NDArray[np.int64],
+    uv: npt.NDArray[np.float64],
+    tolerance: npt.NDArray[np.float64],
+) -> npt.NDArray[np.bool_]:
+    """(n,) bool: a second opinion on a few samples, with their faces' loops cut anew at ``tolerance`` (n,) mm."""
+    inside = np.zeros(len(rows), np.bool_)
+    for row in np.unique(rows):
+        own = rows == row
+        inside[own] = TrimRegion(geometry, [row], tolerance[own].min()).contains(0, uv[own])
+    return inside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,7 +14,8 @@ class Violation:
     Attributes:
         where: the face, surface or node it concerns, in words.
         row: its row in the surfaces (mesh) or nodes (cache).
-        kind: ``surface to mesh``, ``mesh to surface``, ``lost``, ``not finite``, ``bad index``, ``not nested``.
+        kind: ``surface to mesh``, ``mesh to surface``, ``lost``, ``not finite``, ``bad index``,
+            ``out of its box``, ``below a child``, ``below its ledger``.
         value: what was measured, mm.
         limit: what was promised, mm.
         uv: native parameters of the point of the surface, where there is one.
@@ -39,5 +41,6 @@ class Violation:
         return text
 
     def as_json(self) -> dict[str, Any]:
-        """Plain numbers and strings for a report."""
-        return asdict(self)
+        """Plain numbers and strings for a report; what is not finite becomes None."""
+        finite = {"value": self.value, "limit": self.limit}
+        return asdict(self) | {k: v if math.isfinite(v) else None for k, v in finite.items()}
