@@ -194,8 +194,8 @@ class _TileAttack:
         sampled, transform = self.parts[part], self.items.transform[item]
         face = sampled.face_of_row[self.items.row[item]]
         local = np.linalg.solve(transform[:, :, :3], (p - transform[:, :, 3])[:, :, None])[:, :, 0]
-        stretch = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
-        uv, _ = sampled.finder.find(face, local, hint, self.limit / stretch)
+        stretch: Floats = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
+        uv, _ = sampled.finder.find(face, local, hint, np.asarray(self.limit / stretch, float))
         distance: Floats = np.linalg.norm(_placed(transform, sampled.points(face, uv)) - p, axis=1)
         return distance
 

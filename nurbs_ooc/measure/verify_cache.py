@@ -172,7 +172,8 @@ class _CacheAttack:
                 lods = self.store.get_lods(info.first_surface + row)
                 smallest[part] = min(smallest[part], lods["geometric_error"].min(initial=np.inf))
         smallest = np.where(np.isfinite(smallest), smallest, COARSEST)
-        return REGION_SHARE * np.maximum(smallest, 1e-9)
+        tolerances: npt.NDArray[np.float64] = REGION_SHARE * np.maximum(smallest, 1e-9)
+        return tolerances
 
     def _node(self, row: int) -> None:
         node = self.nodes[row]
