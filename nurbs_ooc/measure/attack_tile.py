@@ -194,8 +194,9 @@ class _TileAttack:
         sampled, transform = self.parts[part], self.items.transform[item]
         face = sampled.face_of_row[self.items.row[item]]
         local = np.linalg.solve(transform[:, :, :3], (p - transform[:, :, 3])[:, :, None])[:, :, 0]
-        stretch: Floats = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
-        uv, _ = sampled.finder.find(face, local, hint, np.asarray(self.limit / stretch, float))
+        stretch = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
+        within: Floats = np.divide(self.limit, stretch, dtype=float)
+        uv, _ = sampled.finder.find(face, local, hint, within)
         distance: Floats = np.linalg.norm(_placed(transform, sampled.points(face, uv)) - p, axis=1)
         return distance
 
