@@ -35,7 +35,7 @@ def _descend(surfaces, curves, values, rows, bounds, p, uv, distance):  # type: 
     """Move each ``uv`` downhill to a local foot of ``p``, inside its box; ``distance`` gets what is left."""
     scratch = np.empty((3, 2, MAX_DEGREE + 1))
     s, trial = np.empty((3, 3)), np.empty((3, 3))
-    step, at, goal = np.empty(2), np.empty(2), np.empty(2)
+    step, at, goal, zero = np.empty(2), np.empty(2), np.empty(2), np.zeros(3)
     for i in range(len(rows)):
         box = bounds[i]
         for k in range(2):
@@ -70,7 +70,7 @@ def _descend(surfaces, curves, values, rows, bounds, p, uv, distance):  # type: 
             better = _offset2(p[i], trial[0])
             if better < d2:
                 moved = _offset2(s[0], trial[0])
-                small = moved <= 1e-20 * (1.0 + d2) or d2 - better <= 1e-13 * d2
+                small = moved <= 1e-31 * _offset2(zero, s[0]) or d2 - better <= 1e-13 * d2
                 d2 = better
                 at[:] = goal
                 s[:] = trial
