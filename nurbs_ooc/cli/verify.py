@@ -32,9 +32,8 @@ def command(cache: Path, samples: int, seed: int, report: Path | None, as_json: 
     Points of the exact trimmed surfaces are measured to what every stored tile draws, and what it draws to
     the surfaces; the worst samples climb to worse ones. Exit code 1 if one promise does not hold.
     """
-    from nurbs_cache.store import Store
-
     from nurbs_cache.errors import PromiseBrokenError
+    from nurbs_cache.store import Store
     from nurbs_ooc.measure.verify_cache import n_steps, verify_cache
 
     console, watch = Console(as_json), Stopwatch()

@@ -195,7 +195,8 @@ class _TileAttack:
         face = sampled.face_of_row[self.items.row[item]]
         local = np.linalg.solve(transform[:, :, :3], (p - transform[:, :, 3])[:, :, None])[:, :, 0]
         stretch = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
-        within = np.full(len(item), self.limit) / stretch
+        within: Floats = np.full(len(item), self.limit)
+        within /= stretch
         uv, _ = sampled.finder.find(face, local, hint, within)
         distance: Floats = np.linalg.norm(_placed(transform, sampled.points(face, uv)) - p, axis=1)
         return distance

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from nurbs_cache.tile import decode_tile
 
 from nurbs_cache.scene_record import PartInfo
 from nurbs_cache.surface_record import GeometryBatch
+from nurbs_cache.tile import decode_tile
 from nurbs_ooc.measure.attack_tile import DrawnTile, PlacedSurfaces, TileFinding, attack_tile
 from nurbs_ooc.measure.sampled_part import SampledParts
 from nurbs_ooc.measure.violation import Violation

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+
 from nurbs_cache.ledger import Ledger
 from nurbs_cache.memory_store import MemoryStore
-from nurbs_cache.tile import TileContent, encode_tile, tile_hash
-from nurbs_cache.typed_store import TypedStore
-
 from nurbs_cache.node_record import ITEM_DTYPE, LOD_DTYPE, NODE_DTYPE
 from nurbs_cache.scene_record import DEFAULT_MATERIAL, OCCURRENCE_DTYPE, PartInfo, Product
+from nurbs_cache.tile import TileContent, encode_tile, tile_hash
+from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.measure.verify_cache import CacheReport, n_steps, verify_cache
 from tests.ooc.measure_shapes import octasphere, sagitta, sphere
 

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 from click.testing import CliRunner
-from nurbs_cache.store import Store
 
+from nurbs_cache.store import Store
 from nurbs_ooc.cli.verify import command
 from tests.ooc.test_measure_cache import fill
 
