@@ -258,6 +258,12 @@ def tile_ledger(data: bytes | memoryview) -> Ledger:
     return Ledger.from_bytes(memoryview(data)[72 : 72 + Ledger.SIZE])
 
 
+def tile_counts(data: bytes | memoryview) -> tuple[int, int, int, int]:
+    """Vertices, triangles, lines and points of a checked tile, without decoding its geometry."""
+    vertices, triangles, lines, points = struct.unpack_from("<4I", data, 12)
+    return vertices, triangles, lines, points
+
+
 def _checked(
     content: TileContent,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32], Indices, Indices, Indices]:
