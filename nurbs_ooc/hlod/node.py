@@ -1,0 +1,80 @@
+"""The content of one node: all surfaces of its subtree at its error, simplified, with the ledger.
+
+Surfaces smaller than the error become one point in the middle of their box with their average normal;
+half the box's diagonal is charged as their chord error. The others come from the mesh pool. Everything
+is then clustered and reduced to primitives (see ``cluster`` and ``primitives``).
+
+Source: M. Guthe, A. Balazs, R. Klein, "Real-time out-of-core trimmed NURBS rendering and editing", 3.3, 3.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.ledger import Ledger
+from nurbs_cache.tile import TileContent
+from nurbs_ooc.hierarchy.placements import Placements
+from nurbs_ooc.hlod.budget import NodeBudget
+from nurbs_ooc.hlod.cluster import cluster_vertices
+from nurbs_ooc.hlod.mesh_pool import MeshPool, place
+from nurbs_ooc.hlod.primitives import simplify
+from nurbs_ooc.hlod.soup import Soup
+
+NO_SLOT = -1
+
+
+def shown_as_point(items: npt.NDArray[np.void], budget: NodeBudget) -> npt.NDArray[np.bool_]:
+    """(n,) which ``ITEM_DTYPE`` rows are smaller than the error."""
+    return np.linalg.norm(items["aabb_max"] - items["aabb_min"], axis=1) <= budget.point_diagonal
+
+
+def node_content(
+    items: npt.NDArray[np.void],
+    slots: npt.NDArray[np.int64],
+    pool: MeshPool,
+    placements: Placements,
+    origin: npt.NDArray[np.float64],
+    budget: NodeBudget,
+) -> TileContent:
+    """Assemble one node.
+
+    Args:
+        items: (n,) ``ITEM_DTYPE``: the items of the subtree.
+        slots: (n,) the mesh of each item in the pool, ``NO_SLOT``: it becomes a point.
+        pool: meshes in part space.
+        placements: one row per occurrence.
+        origin: (3,) corner of the clustering grid, mm.
+        budget: of the node's level.
+    """
+    placed = slots != NO_SLOT
+    placed[placed] = np.diff(pool.vertex_start)[slots[placed]] > 0
+    mesh_slots, occurrence = slots[placed], items["occurrence"][placed].astype(np.int64)
+    soup = _with_points(place(pool, mesh_slots, placements, occurrence), items[~placed])
+    clusters = cluster_vertices(soup.positions, soup.normals, origin, budget.cell)
+    simple, moved = simplify(soup, clusters, budget.small_area, budget.allowance)
+    errors = pool.errors[mesh_slots] * placements.stretch[occurrence, None]
+    surface, trim, pcurve = errors.max(axis=0, initial=0.0).tolist()
+    half_diagonals = 0.5 * np.linalg.norm(items["aabb_max"] - items["aabb_min"], axis=1)[~placed]
+    ledger = Ledger(max(surface, float(half_diagonals.max(initial=0.0))), trim, pcurve, moved)
+    return TileContent(
+        simple.positions,
+        simple.normals,
+        simple.triangles.astype(np.uint32),
+        simple.lines.astype(np.uint32),
+        simple.points.astype(np.uint32),
+        ledger,
+    )
+
+
+def _with_points(soup: Soup, items: npt.NDArray[np.void]) -> Soup:
+    """Append the middles of the items' boxes as points."""
+    n = len(soup.positions)
+    middles = 0.5 * items["aabb_min"] + 0.5 * items["aabb_max"]
+    return Soup(
+        np.concatenate([soup.positions, middles]),
+        np.concatenate([soup.normals, items["normal"]]),
+        soup.triangles,
+        soup.lines,
+        np.concatenate([soup.points, np.arange(n, n + len(items), dtype=np.int32)]),
+    )
