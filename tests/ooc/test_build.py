@@ -1,0 +1,186 @@
+"""Whole builds of a small scene: the stored bounds against distances measured by brute force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nurbs_cache.errors import CacheError, InputFileError, UsageError
+from nurbs_cache.store import Store
+from nurbs_cache.surface_record import SurfaceKind
+from nurbs_cache.tile import decode_tile
+from nurbs_ooc.build.report import contents
+from nurbs_ooc.build.target import partial_path
+from nurbs_ooc.geometry.surface import evaluate
+from tests.ooc.distances import samples_of, to_drawn
+from tests.ooc.scenes import ball, hash_of, peg_board, run_build, write_scene
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs")
+
+
+@pytest.fixture(scope="module")
+def built(source: Path) -> Path:
+    cache = source.parent / "built"
+    run_build(source, cache)
+    return cache
+
+
+def exact_distance(kind: int, frame: np.ndarray, domain: tuple[float, ...], points: np.ndarray) -> np.ndarray:
+    """Distance of points in part space to a whole sphere, a cylinder about z or a rectangle in its plane."""
+    p = points - frame[:3]
+    if kind == SurfaceKind.SPHERE:
+        return np.abs(np.linalg.norm(p, axis=1) - frame[12])
+    if kind == SurfaceKind.CYLINDER:
+        radial = np.linalg.norm(p[:, :2], axis=1) - np.linalg.norm(frame[3:6])
+        return np.hypot(radial, np.maximum(0, np.maximum(domain[2] - p[:, 2], p[:, 2] - domain[3])))
+    assert kind == SurfaceKind.PLANE
+    outside = np.maximum(0, np.maximum([domain[0], domain[2]] - p[:, :2], p[:, :2] - [domain[1], domain[3]]))
+    return np.sqrt((outside**2).sum(axis=1) + p[:, 2] ** 2)
+
+
+def test_tiles_keep_their_bound_in_both_directions(built: Path) -> None:
+    rng = np.random.default_rng(0)
+    parts = [peg_board(), ball()]
+    with Store.open(built) as store:
+        items, occurrences = store.get_items(), store.get_occurrences()
+        for node in store.get_nodes():
+            tile = decode_tile(store.get_tile(bytes(node["tile_hash"])))
+            positions = tile.origin + tile.positions.astype(float)
+            drawn = positions, tile.triangles, tile.lines, tile.points
+            samples = samples_of(*drawn, n=3)
+            samples = samples[rng.permutation(len(samples))[:4000]]
+            nearest = np.full(len(samples), np.inf)
+            held = items[node["first_item"] : node["first_item"] + node["n_items"]]
+            for item in held:
+                transform = occurrences["transform"][item["occurrence"]]
+                linear, shift = transform[:, :3], transform[:, 3]
+                scale = np.linalg.norm(linear, 2)
+                part = parts[occurrences["part"][item["occurrence"]]]
+                row = int(item["surface"]) - (0 if part is parts[0] else len(parts[0]))
+                s = part.surfaces[row]
+                domain = tuple(float(s[name]) for name in ("u0", "u1", "v0", "v1"))
+                uv = rng.uniform([domain[0], domain[2]], [domain[1], domain[3]], (12, 2))
+                points = evaluate(part, row, uv)[0] @ linear.T + shift
+                assert to_drawn(points, *drawn).max() <= tile.ledger.total + 1e-9
+                frame = part.values[s["frame"] : s["frame"] + 14]
+                local = (samples - shift) @ np.linalg.inv(linear).T
+                nearest = np.minimum(nearest, scale * exact_distance(int(s["kind"]), frame, domain, local))
+            assert nearest.max() <= tile.ledger.total + 1e-9
+            assert tile.ledger.total <= node["geometric_error"]
+
+
+def test_budgets_are_kept_and_parents_promise_no_less(built: Path) -> None:
+    with Store.open(built) as store:
+        nodes = store.get_nodes()
+        for node in nodes:
+            ledger = decode_tile(store.get_tile(bytes(node["tile_hash"]))).ledger
+            assert ledger.total <= 2.0 ** int(node["level"])
+            if node["parent"] >= 0:
+                assert nodes["geometric_error"][node["parent"]] >= node["geometric_error"]
+    assert len(nodes) > 5
+
+
+def test_counts_in_the_node_table_are_those_of_the_tiles(built: Path) -> None:
+    with Store.open(built) as store:
+        for node in store.get_nodes():
+            data = store.get_tile(bytes(node["tile_hash"]))
+            tile = decode_tile(data)
+            counts = (len(tile.triangles), len(tile.lines), len(tile.points))
+            assert counts == (node["n_triangles"], node["n_lines"], node["n_points"])
+            assert node["tile_bytes"] == len(data)
+
+
+def test_tiny_surfaces_are_points_in_coarse_nodes(built: Path) -> None:
+    with Store.open(built) as store:
+        root = store.get_nodes()[0]
+        assert root["n_points"] > 0
+
+
+def test_same_bytes_for_any_number_of_workers(source: Path, built: Path, tmp_path: Path) -> None:
+    run_build(source, tmp_path / "two", workers=2)
+    assert hash_of(tmp_path / "two") == hash_of(built)
+
+
+def test_roots_only_then_the_rest_is_the_whole(source: Path, built: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "roots"
+    run_build(source, cache, levels="root")
+    with Store.open(cache) as store:
+        nodes = store.get_nodes()
+        assert ((nodes["tile_hash"] != b"") == (nodes["parent"] < 0)).all()
+        assert (nodes["geometric_error"][1:] <= nodes["geometric_error"][nodes["parent"][1:]])[
+            nodes["parent"][1:] >= 0
+        ].all()
+    run_build(source, cache, levels="all", resume=True)
+    assert hash_of(cache) == hash_of(built)
+
+
+def test_an_existing_cache_is_refused_and_stays_whole(source: Path, built: Path, tmp_path: Path) -> None:
+    before = hash_of(built)
+    with pytest.raises(UsageError, match="--force"):
+        run_build(source, built)
+    (tmp_path / "bad.step").write_text("nonsense")
+    with pytest.raises(InputFileError):
+        run_build(tmp_path / "bad.step", built, force=True)
+    assert hash_of(built) == before
+    with pytest.raises(CacheError, match="inputs"):
+        run_build(write_scene(tmp_path / "other.nurbs", n=2), built, resume=True)
+    assert hash_of(built) == before
+
+
+def test_force_replaces(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    run_build(source, cache, levels="root")
+    other = write_scene(tmp_path / "other.nurbs", n=2)
+    run_build(other, cache, levels="root", force=True)
+    with Store.open(cache) as store:
+        assert store.get_provenance()["inputs"][0]["name"] == "other.nurbs"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cache", "other.nurbs"]
+
+
+def test_leftovers_need_a_word_from_the_user(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    Store.create(partial_path(cache)).close()
+    with pytest.raises(UsageError, match="--resume"):
+        run_build(source, cache)
+    run_build(source, cache, levels="root", force=True)
+    assert not partial_path(cache).exists()
+
+
+def test_a_folder_that_is_no_cache_is_left_alone(source: Path, tmp_path: Path) -> None:
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "love.txt").write_text("dear")
+    with pytest.raises(CacheError, match="left alone"):
+        run_build(source, tmp_path / "letters", force=True)
+
+
+def test_input_as_output_is_refused(source: Path) -> None:
+    with pytest.raises(UsageError, match="input"):
+        run_build(source, source, force=True)
+
+
+def test_several_inputs_make_one_scene(source: Path, tmp_path: Path) -> None:
+    other = write_scene(tmp_path / "other.nurbs", n=2)
+    cache = tmp_path / "both"
+    run_build([source, other], cache, levels="root")
+    with Store.open(cache) as store:
+        report = contents(store)
+        assert report["parts"] == 4
+        assert report["occurrences"] == 14
+        assert report["materials"] == 2
+        assert report["surfaces"] == 33 + 1 + 9 + 1
+        edges = store.get_part(2).edges["id"]
+        assert (edges >> np.uint64(32) == 2).all()
+        assert store.locate_surface(34) == (2, 0)
+
+
+def test_scene_without_surfaces(tmp_path: Path) -> None:
+    with Store.create(tmp_path / "empty.nurbs") as store:
+        store.put_scene([], [], np.zeros(0, store.get_occurrences().dtype), {"stored": "mm"})
+    run_build(tmp_path / "empty.nurbs", tmp_path / "cache")
+    with Store.open(tmp_path / "cache") as store:
+        assert contents(store)["nodes"] == 0

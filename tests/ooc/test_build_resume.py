@@ -1,0 +1,135 @@
+"""Builds that are killed go on and end with the same content."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nurbs_cache.errors import CacheError
+from nurbs_cache.store import Store
+from nurbs_ooc.build.target import partial_path
+from tests.ooc.scenes import hash_of, run_build, write_scene
+
+# Runs a build in a process that is killed at its n-th transaction, before or after that is stored.
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from nurbs_cache.store import Store
+from tests.ooc.scenes import run_build
+
+source, cache, number, after = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), sys.argv[4] == "after"
+transact, count = Store.transact, 0
+
+def counted(self, change):
+    global count
+    count += 1
+    if count == number and not after:
+        os.kill(os.getpid(), signal.SIGKILL)
+    result = transact(self, change)
+    if count == number:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return result
+
+Store.transact = counted
+run_build(source, cache, workers=2, resume=True)
+print(count)
+"""
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(source: Path) -> str:
+    run_build(source, source.parent / "whole")
+    return hash_of(source.parent / "whole")
+
+
+def run_killed(source: Path, cache: Path, number: int, when: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", KILLED, str(source), str(cache), str(number), when]
+    root = Path(__file__).parents[2]
+    path = ":".join(str(root / folder) for folder in (".", "cache"))
+    return subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(("number", "when"), [(2, "after"), (5, "before"), (9, "after")])
+def test_killed_build_goes_on(source: Path, undisturbed: str, tmp_path: Path, number: int, when: str) -> None:
+    cache = tmp_path / "cache"
+    assert run_killed(source, cache, number, when).returncode == -signal.SIGKILL
+    assert not cache.exists()
+    run_build(source, cache, resume=True)
+    assert hash_of(cache) == undisturbed
+    assert not partial_path(cache).exists()
+
+
+@pytest.mark.long
+def test_killed_again_and_again(source: Path, undisturbed: str, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    kills = 0
+    for number in range(1, 100):
+        result = run_killed(source, cache, 2 + number % 3, ("before", "after")[number % 2])
+        if result.returncode == 0:
+            break
+        assert result.returncode == -signal.SIGKILL, result.stderr
+        kills += 1
+    assert kills > 3
+    assert hash_of(cache) == undisturbed
+
+
+def test_resume_without_anything_is_a_plain_build(source: Path, undisturbed: str, tmp_path: Path) -> None:
+    run_build(source, tmp_path / "cache", resume=True)
+    assert hash_of(tmp_path / "cache") == undisturbed
+    run_build(source, tmp_path / "cache", resume=True)
+    assert hash_of(tmp_path / "cache") == undisturbed
+
+
+def test_other_inputs_are_not_mixed_in(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    run_killed(source, cache, 3, "after")
+    other = write_scene(tmp_path / "other.nurbs", n=2)
+    with pytest.raises(CacheError, match="inputs"):
+        run_build(other, cache, resume=True)
+    run_build(other, cache, force=True, levels="root")
+    with Store.open(cache) as store:
+        assert store.get_provenance()["inputs"][0]["name"] == "other.nurbs"
+
+
+def test_finished_inputs_are_not_read_again(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nurbs_ooc.build import read_stage
+
+    other = write_scene(tmp_path / "other.nurbs", n=2)
+    opened, open_input = [], read_stage.open_input
+
+    def stop_at_second(path: Path):  # type: ignore[no-untyped-def]
+        opened.append(path.name)
+        if len(opened) == 2:
+            raise KeyboardInterrupt
+        return open_input(path)
+
+    monkeypatch.setattr(read_stage, "open_input", stop_at_second)
+    with pytest.raises(KeyboardInterrupt):
+        run_build([source, other], tmp_path / "cache", levels="root")
+    run_build([source, other], tmp_path / "cache", levels="root", resume=True)
+    assert opened == ["scene.nurbs", "other.nurbs", "other.nurbs"]
+    run_build([source, other], tmp_path / "straight", levels="root")
+    assert hash_of(tmp_path / "cache") == hash_of(tmp_path / "straight")
+
+
+def test_two_builds_of_one_cache(source: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    with Store.create(partial_path(cache), provenance={}):
+        code = "import sys; from pathlib import Path; from tests.ooc.scenes import run_build\n"
+        code += "run_build(Path(sys.argv[1]), Path(sys.argv[2]), force=True)"
+        root = Path(__file__).parents[2]
+        env = {**os.environ, "PYTHONPATH": f"{root}:{root / 'cache'}"}
+        command = [sys.executable, "-c", code, str(source), str(cache)]
+        result = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert result.returncode != 0
+    assert "CacheError" in result.stderr
