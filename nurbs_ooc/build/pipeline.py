@@ -26,7 +26,7 @@ from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.box_stage import box_surfaces
 from nurbs_ooc.build.error_order import order_errors
-from nurbs_ooc.build.inputs import fingerprint
+from nurbs_ooc.build.fingerprint import fingerprint
 from nurbs_ooc.build.read_stage import read_inputs
 from nurbs_ooc.build.target import open_target
 from nurbs_ooc.build.tile_stage import Forest, build_tiles

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from nurbs_cache.scene_record import DEFAULT_MATERIAL, Material, PartInfo, Product
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.build.inputs import open_input
 from nurbs_ooc.readers.assembly import AssemblyReader, Part
+from nurbs_ooc.readers.several import open_input
 
 PART_SHIFT = np.uint64(32)  # edge id = part << 32 | row
 ROW_MASK = np.uint64(0xFFFF_FFFF)

@@ -28,7 +28,7 @@ def open_inputs(paths: Sequence[Path]) -> AssemblyReader:
     """
     readers: list[AssemblyReader] = []
     try:
-        readers.extend(_open(path) for path in paths)
+        readers.extend(open_input(path) for path in paths)
     except BaseException:
         for reader in readers:
             reader.close()
@@ -36,7 +36,13 @@ def open_inputs(paths: Sequence[Path]) -> AssemblyReader:
     return readers[0] if len(readers) == 1 else SeveralAssemblies(readers)
 
 
-def _open(path: Path) -> AssemblyReader:
+def open_input(path: Path) -> AssemblyReader:
+    """Open one STEP or IGES file or surface store.
+
+    Raises:
+        InputFileError: missing, or nothing that is known.
+        CacheError: a store that cannot be read.
+    """
     return SurfaceStoreReader(path) if is_surface_store(path) else open_assembly(path)
 
 
