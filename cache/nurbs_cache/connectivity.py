@@ -94,14 +94,25 @@ def _read_number(extras, at):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _vertex_code(vertex, is_new, far, ring, head):  # type: ignore[no-untyped-def]
-    """Code of a vertex."""
-    if is_new:
-        return _NEW
-    for slot in range(13):
-        if ring[(head - 1 - slot) & 15] == vertex:
-            return slot + 1
-    return _NEXT if vertex == far + 1 else _FAR
+def _encode_vertex(vertex, is_new, extras, at, far, ring, head):  # type: ignore[no-untyped-def]
+    """(code, where to go on, last far vertex, ring head)."""
+    code = np.int64(_NEW)
+    if not is_new:
+        for slot in range(13):
+            if ring[(head - 1 - slot) & 15] == vertex:
+                return np.int64(slot + 1), at, far, head
+        code = np.int64(_NEXT)
+        if vertex != far + 1:
+            code = np.int64(_FAR)
+            at = _write_number(extras, at, vertex - far)
+        far = vertex
+    ring[head & 15] = vertex
+    return code, at, far, head + 1
+
+
+@helper
+def _edge(a, b):  # type: ignore[no-untyped-def]
+    return np.uint64(a) << np.uint64(32) | np.uint64(b)
 
 
 @kernel
@@ -109,76 +120,65 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
     edges = np.full(_RING, np.uint64(0xFFFFFFFFFFFFFFFF))
     across = np.zeros(_RING, np.int64)
     ring = np.full(_RING, np.int64(-1))
-    corner = np.empty(3, np.int64)
-    fresh = np.zeros(3, np.bool_)
-    edge_head, ring_head, n_used, at = 0, 0, 0, 0
+    edge_head, ring_head, at = 0, 0, 0
+    n_used = np.int64(0)
     far = np.int64(-1)
     for t in range(triangles.shape[0]):
         # number the corners
+        before = n_used
         for k in range(3):
-            old = triangles[t, k]
-            fresh[k] = labels[old] < 0
-            if fresh[k]:
-                labels[old] = n_used
+            if labels[triangles[t, k]] < 0:
+                labels[triangles[t, k]] = n_used
                 n_used += 1
-            corner[k] = labels[old]
+        a = np.int64(labels[triangles[t, 0]])
+        b = np.int64(labels[triangles[t, 1]])
+        c = np.int64(labels[triangles[t, 2]])
         # look for an edge to continue from
-        key0 = np.uint64(corner[0]) << np.uint64(32) | np.uint64(corner[1])
-        key1 = np.uint64(corner[1]) << np.uint64(32) | np.uint64(corner[2])
-        key2 = np.uint64(corner[2]) << np.uint64(32) | np.uint64(corner[0])
-        slot, turn = _NO_EDGE, 0
-        for s in range(_NO_EDGE):
-            edge = edges[(edge_head - 1 - s) & 15]
-            if edge == key0 or edge == key1 or edge == key2:
-                slot = s
-                turn = 0 if edge == key0 else (1 if edge == key1 else 2)
+        ab, bc, ca = _edge(a, b), _edge(b, c), _edge(c, a)
+        slot = np.int64(_NO_EDGE)
+        edge = ab
+        for recent in range(_NO_EDGE):
+            edge = edges[(edge_head - 1 - recent) & 15]
+            if (edge == ab) | (edge == bc) | (edge == ca):  # one branch, not three
+                slot = np.int64(recent)
                 break
-        a = corner[turn]
-        b = corner[(turn + 1) % 3]
-        c = corner[(turn + 2) % 3]
-        n_coded = 1 if slot < _NO_EDGE else 3
-        if n_coded == 1:
-            opposite = across[(edge_head - 1 - slot) & 15]
-        pair_at = at
-        if n_coded == 3:
-            extras[at] = 0
-            at += 1
-        # code the vertices that the edge does not give
-        for k in range(3 - n_coded, 3):
-            vertex = corner[(turn + k) % 3]
-            is_new = fresh[(turn + k) % 3]
-            code = _vertex_code(vertex, is_new, far, ring, ring_head)
-            if code == _FAR:
-                at = _write_number(extras, at, vertex - far)
-            if code >= _NEXT:
-                far = vertex
-            if code == _NEW or code >= _NEXT:
-                ring[ring_head & 15] = vertex
+        if slot < _NO_EDGE:
+            # turn the triangle so that the edge comes first, code the third corner
+            if edge == bc:
+                a, b, c = b, c, a
+            elif edge == ca:
+                a, b, c = c, a, b
+            code = np.int64(_NEW)
+            if c >= before:
+                predictors[c, 0] = a
+                predictors[c, 1] = b
+                predictors[c, 2] = across[(edge_head - 1 - slot) & 15]
+                ring[ring_head & 15] = c
                 ring_head += 1
-            if is_new:
-                if n_coded == 1:
-                    predictors[vertex, 0] = a
-                    predictors[vertex, 1] = b
-                    predictors[vertex, 2] = opposite
-                else:
-                    guess = corner[k - 1] if k > 0 else max(vertex - 1, 0)
-                    predictors[vertex, :] = guess
-            if n_coded == 1:
-                codes[t] = np.uint8(slot << 4 | code)
-            elif k == 0:
-                codes[t] = np.uint8(_NO_EDGE << 4 | code)
-            elif k == 1:
-                extras[pair_at] = np.uint8(code << 4)
             else:
-                extras[pair_at] |= np.uint8(code)
-        # the edges at which the mesh can grow
-        if n_coded == 3:
-            edges[edge_head & 15] = np.uint64(b) << np.uint64(32) | np.uint64(a)
+                code, at, far, ring_head = _encode_vertex(c, False, extras, at, far, ring, ring_head)
+            codes[t] = np.uint8(slot << 4 | code)
+        else:
+            # code all corners; a new one is predicted from the corner or the vertex before
+            if a >= before:
+                predictors[a, :] = max(a - 1, 0)
+            if b >= before:
+                predictors[b, :] = a
+            if c >= before:
+                predictors[c, :] = b
+            pair_at = at
+            code, at, far, ring_head = _encode_vertex(a, a >= before, extras, at + 1, far, ring, ring_head)
+            codes[t] = np.uint8(_NO_EDGE << 4 | code)
+            code, at, far, ring_head = _encode_vertex(b, b >= before, extras, at, far, ring, ring_head)
+            last, at, far, ring_head = _encode_vertex(c, c >= before, extras, at, far, ring, ring_head)
+            extras[pair_at] = np.uint8(code << 4 | last)
+            edges[edge_head & 15] = _edge(b, a)
             across[edge_head & 15] = c
             edge_head += 1
-        edges[edge_head & 15] = np.uint64(c) << np.uint64(32) | np.uint64(b)
+        # the edges at which the mesh can grow
+        edges[edge_head & 15] = _edge(c, b)
         across[edge_head & 15] = a
-        edges[(edge_head + 1) & 15] = np.uint64(a) << np.uint64(32) | np.uint64(c)
+        edges[(edge_head + 1) & 15] = _edge(a, c)
         across[(edge_head + 1) & 15] = b
         edge_head += 2
     return at, n_used

@@ -68,6 +68,8 @@ def decode_normals(planes: Bytes, predictors: npt.NDArray[np.uint32], bits: int)
 def encode_numbers(numbers: npt.NDArray[np.uint32], expected_step: int) -> Bytes:
     """A list of numbers as variable-length bytes of their zigzag differences less ``expected_step``."""
     stream = np.empty(5 * len(numbers), np.uint8)
+    if not len(numbers):
+        return stream
     return stream[: _write_numbers(numbers, expected_step, stream)]
 
 

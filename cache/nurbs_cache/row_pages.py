@@ -10,7 +10,7 @@ from nurbs_cache.errors import CorruptRecordError, MissingRecordError, UsageErro
 from nurbs_cache.keys import number_key
 from nurbs_cache.raw_store import RawStore, Writing
 
-PAGE_ROWS = 256  # 27 KiB of items, 46 KiB of nodes before compression
+PAGE_ROWS = 256  # 20 KiB of items, 44 KiB of nodes before compression
 
 Rows = npt.NDArray[np.void]
 

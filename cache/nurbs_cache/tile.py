@@ -15,7 +15,6 @@ Layout, little-endian (see FORMAT.md for the streams)::
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import struct
 import zlib
@@ -184,7 +183,8 @@ def encode_tile(
     for number in sorted(content.attributes):
         values = np.ascontiguousarray(content.attributes[number], np.uint32)[kept.order]
         streams.append((FIRST_ATTRIBUTE + number, 1, encode_numbers(values, 0)))
-    ledger = dataclasses.replace(content.ledger, quantisation=moved, float32=0.0)
+    terms = content.ledger
+    ledger = Ledger(terms.surface, terms.trim, terms.pcurve, terms.cluster, moved, 0.0)
     head = _Head(normal_bits, len(kept.order), len(kept.codes), len(kept.lines), len(kept.points), grid, ledger)
     return _assemble(head, position_bits, streams, codec)
 
