@@ -76,7 +76,8 @@ class EdgeTable:
             self._points[row] = point
         return self._vertex_rows[index - 1]
 
-    def _free_vertex(self, point: Array) -> int:
+    def free_vertex(self, point: Array) -> int:
+        """Row of a new vertex that is not in the file."""
         row = self.builder.vertex(point)
         self._points[row] = tuple(point.tolist())
         return row
@@ -115,7 +116,7 @@ class EdgeTable:
             t0, t1 = BRep_Tool.Range_s(edge)
         form = curve_form(curve, t0, t1)
         rows = [
-            self._free_vertex(point) if vertex.IsNull() else self.vertex(vertex)
+            self.free_vertex(point) if vertex.IsNull() else self.vertex(vertex)
             for vertex, point in ((first, form.start), (last, form.end))
         ]
         return self._joined(form, rows, tolerance)

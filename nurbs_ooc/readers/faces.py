@@ -18,7 +18,7 @@ from nurbs_ooc.geometry.natural_boundary import natural_loop
 from nurbs_ooc.readers.edges import EdgeTable
 from nurbs_ooc.readers.loops import FaceLoops, Loop, LoopReader, signed_area
 from nurbs_ooc.readers.refusal import FaceRefusedError
-from nurbs_ooc.readers.repair import repaired_faces
+from nurbs_ooc.readers.seams import close_with_seams
 from nurbs_ooc.readers.surfaces import Box, read_surface
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
@@ -54,15 +54,10 @@ class FaceReader:
 
     def _read(self, face: Any, label: FaceLabel) -> None:
         surface, loops = self._loops(face)
-        if all(loop.winding == (0, 0) for loop in loops.loops):
-            self._record(face, surface, loops, label)
-            return
-        for repaired in repaired_faces(face):
-            surface, loops = self._loops(repaired)
-            if any(loop.winding != (0, 0) for loop in loops.loops):
-                raise FaceRefusedError(FaceReason.SEAM_ADDED, "a loop runs around the surface and has no seam")
+        if any(any(loop.winding) for loop in loops.loops):
             loops.reasons.add(FaceReason.SEAM_ADDED)
-            self._record(repaired, surface, loops, label)
+            loops.loops = close_with_seams(loops.loops, surface, self.table)
+        self._record(face, surface, loops, label)
 
     def _loops(self, face: Any) -> tuple[Any, FaceLoops]:
         forward = TopoDS.Face(face.Oriented(FORWARD))

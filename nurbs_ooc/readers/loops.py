@@ -172,7 +172,7 @@ class LoopReader:
         if not shift.any():
             chain += self._between(chain[-1], chain[0], extent)
             return Loop(chain)
-        turns = -np.round(shift / np.where(self.periods > 0.0, self.periods, 1.0)).astype(int)
+        turns = np.round(shift / np.where(self.periods > 0.0, self.periods, 1.0)).astype(int)
         return Loop(chain, (int(turns[0]), int(turns[1])))
 
     def _target(self, last: Coedge) -> int:

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from OCP.BRepTools import BRepTools
+from OCP.BRepTools import BRepTools_PurgeLocations
 from OCP.collections import IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
 from OCP.TopExp import TopExp
-from OCP.TopoDS import TopoDS, TopoDS_Shape
+from OCP.TopoDS import TopoDS
 
 from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.geometry.builder import BatchBuilder
@@ -52,9 +52,9 @@ def _faces(shape: Any) -> list[Any]:
     faces = _map(shape)
     if not any(_is_scaled(face.Location()) for face in faces):
         return list(faces)
-    plain = TopoDS_Shape()
-    BRepTools.PurgeLocations_s(shape, plain)
-    return list(_map(plain))
+    purge = BRepTools_PurgeLocations()
+    purge.Perform(shape)
+    return list(_map(purge.GetResult()))
 
 
 def _map(shape: Any) -> ShapeMap:

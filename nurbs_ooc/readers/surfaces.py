@@ -169,11 +169,14 @@ def _offset(surface: Any, box: Box) -> SurfaceReading:
     while type(basis).__name__ == "Geom_RectangularTrimmedSurface":
         basis = basis.BasisSurface()
     reading = read_surface(basis, box)
-    parallel = parallel_surface(reading.form, distance)
-    if parallel is not None:
-        return replace(reading, form=parallel)
+    u, v = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
+    expected = np.array(surface.Value(u, v).Coord())
+    for signed in (distance, -distance):  # which side is positive in a left-handed frame is the kernel's own choice
+        parallel = parallel_surface(reading.form, signed)
+        if parallel is not None and np.abs(parallel.point(u, v) - expected).max() < 1e-6 * abs(distance):
+            return replace(reading, form=parallel)
     spline, error = approximated_offset(surface, box)
-    return SurfaceReading(_bspline(spline, box), FaceStatus.HEALED, FaceReason.OFFSET_APPROXIMATED, error)
+    return SurfaceReading(spline, FaceStatus.HEALED, FaceReason.OFFSET_APPROXIMATED, error)
 
 
 def parallel_surface(form: SurfaceForm, distance: float) -> SurfaceForm | None:
