@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 from nurbs_cache.errors import InputFileError
 from nurbs_ooc.readers.iges import IgesFile
-from nurbs_ooc.readers.isolation import WorkDiedError, run_isolated
+from nurbs_ooc.readers.isolation import PART_LIMIT_S, WorkDiedError, run_isolated
 from nurbs_ooc.readers.leftover import Leftover
 from nurbs_ooc.readers.messages import Failed, Finished, Message, Opened, PartData, Scene, Transferred
 from nurbs_ooc.readers.part_geometry import crashed_part, isolated_parts
@@ -15,6 +16,7 @@ from nurbs_ooc.readers.products import ProductTree
 from nurbs_ooc.readers.step import StepFile
 
 Send = Callable[[Message], None]
+TRANSFER_S_PER_MB = 20.0  # s/MB of STEP that a transfer may take; 0.3 is usual
 FORMATS: dict[str, type[StepFile] | type[IgesFile]] = {"step": StepFile, "iges": IgesFile}
 
 
@@ -48,9 +50,10 @@ def serve_file(send: Send, path: str, shown: str, kind: str) -> None:
         file: KernelFile = FORMATS[kind](path, shown)
         groups = file.groups()
         send(Opened(*file.unit(), n_groups=len(groups)))
+        limit_s = 2.0 * PART_LIMIT_S + TRANSFER_S_PER_MB * Path(path).stat().st_size / 1e6
         transferred: set[int] = set()
         for roots in groups:
-            transferred |= _serve_group(send, file, roots, shown, alone=len(groups) == 1)
+            transferred |= _serve_group(send, file, roots, shown if len(groups) == 1 else "", limit_s)
         _serve_leftovers(send, file, transferred)
     except InputFileError as error:
         send(Failed(str(error)))
@@ -58,13 +61,18 @@ def serve_file(send: Send, path: str, shown: str, kind: str) -> None:
         send(Finished())
 
 
-def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alone: bool) -> set[int]:
-    """Transfer ``roots`` behind a fork, so that their shapes are released with it."""
+def _serve_group(send: Send, file: KernelFile, roots: list[int], alone: str, limit_s: float) -> set[int]:
+    """Transfer ``roots`` behind a fork, so that their shapes are released with it.
+
+    Args:
+        alone: the file's name if this is its only group: without it there is nothing.
+        limit_s: silence after which the transfer counts as hung.
+    """
     transferred: set[int] = set()
     scene: Scene | None = None
     sent = 0
     try:
-        for message in run_isolated(lambda inner: _transfer_and_read(inner, file, roots)):
+        for message in run_isolated(lambda inner: _transfer_and_read(inner, file, roots), limit_s):
             if isinstance(message, Transferred):
                 transferred = message.entities
                 continue
@@ -73,7 +81,7 @@ def _serve_group(send: Send, file: KernelFile, roots: list[int], shown: str, alo
             send(message)
     except WorkDiedError as death:
         if scene is None and alone:
-            raise InputFileError(f"{shown}: the kernel crashed while reading it ({death})") from death
+            raise InputFileError(f"{alone}: the kernel crashed while reading it ({death})") from death
         if scene is None:
             return set()  # its faces are among the leftovers
         for name, n_faces in list(zip(scene.part_names, scene.part_faces, strict=True))[sent:]:

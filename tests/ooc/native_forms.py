@@ -74,11 +74,9 @@ def _nurbs(batch: GeometryBatch, s: Any, uv: Array) -> Array:
     assert (knots_u[-p - 1 :] == knots_u[-1]).all()
     assert (knots_v[: q + 1] == knots_v[0]).all()
     assert (knots_v[-q - 1 :] == knots_v[-1]).all()
-    rows = []
-    for u, v in uv:
-        columns = BSpline(knots_u, net, p)(np.clip(u, knots_u[0], knots_u[-1]))
-        rows.append(BSpline(knots_v, columns, q)(np.clip(v, knots_v[0], knots_v[-1])))
-    points = np.array(rows)
+    in_u = BSpline.design_matrix(np.clip(uv[:, 0], knots_u[0], knots_u[-1]), knots_u, p).toarray()
+    in_v = BSpline.design_matrix(np.clip(uv[:, 1], knots_v[0], knots_v[-1]), knots_v, q).toarray()
+    points = np.einsum("ij,ik,jkd->id", in_u, in_v, net, optimize=True)
     return points[:, :3] / points[:, 3:] if width == 4 else points
 
 
