@@ -76,8 +76,11 @@ class CacheTransport:
 
     Args:
         path: the cache.
-        node_builder, lod_builder: of ``nurbs_ooc.build.on_demand``; without them, what is not stored
-            is missing, and the cache is opened read-only.
+        node_builder: of ``nurbs_ooc.build.on_demand``; None: what is not stored is missing.
+        lod_builder: likewise. With a builder, the cache is opened for writing where that is possible.
+
+    Attributes:
+        refusal: why nothing is built, "" if missing tiles are.
     """
 
     n_threads = 2
@@ -85,11 +88,21 @@ class CacheTransport:
     def __init__(
         self, path: Path | str, node_builder: NodeBuilder | None = None, lod_builder: LodBuilder | None = None
     ) -> None:
-        self._store = Store.open(path, read_only=node_builder is None and lod_builder is None)
+        self.refusal = "" if node_builder or lod_builder else "nothing here builds it"
+        self._store = self._opened(path)
         self._node_builder, self._lod_builder = node_builder, lod_builder
         self._building = threading.Lock()
         self._counting = threading.Lock()
         self.bytes_received = 0
+
+    def _opened(self, path: Path | str) -> Store:
+        """For writing, if there is something to write; else as it is, while others write it."""
+        if not self.refusal:
+            try:
+                return Store.open(path, read_only=False)
+            except CacheError as error:
+                self.refusal = f"the cache is open for reading only: {error}"
+        return Store.open(path, read_only=True)
 
     def scene(self) -> dict[str, Any]:
         """The fields of the server's ``/api/scene`` that the client uses."""
@@ -120,8 +133,8 @@ class CacheTransport:
 
     def node_tile(self, row: int) -> bytes:
         """The tile of a node that had none when the tables were read."""
-        if self._node_builder is None:
-            raise MissingRecordError(f"node {row} has no tile and nothing here builds one")
+        if self._node_builder is None or self.refusal:
+            raise MissingRecordError(f"node {row} has no tile: {self.refusal}")
         with self._building:
             return self._counted(self._node_builder(self._store, row)[1])
 
@@ -130,8 +143,8 @@ class CacheTransport:
         for lod in self._store.get_lods(surface_id):
             if int(lod["level"]) == level:
                 return self._counted(self._store.get_tile(lod["tile_hash"].decode()))
-        if self._lod_builder is None:
-            raise MissingRecordError(f"surface {surface_id} has no LOD at level {level} and nothing here builds one")
+        if self._lod_builder is None or self.refusal:
+            raise MissingRecordError(f"surface {surface_id} has no LOD at level {level}: {self.refusal}")
         with self._building:
             return self._counted(self._lod_builder(self._store, surface_id, level)[1])
 

@@ -149,6 +149,19 @@ def test_cache_transport(tmp_path: Path, grid_world: Any) -> None:
         assert transport.bytes_received == len(grid_world.tiles[name])
     with CacheTransport(folder, node_builder=lambda _, row: ("hash", b"built %d" % row)) as transport:
         assert transport.node_tile(2) == b"built 2"
+        with Store.open(folder) as _, pytest.raises(MissingRecordError, match="no LOD"):
+            transport.surface_lod(1000, 3)
+
+
+def test_cache_that_another_writes_is_read_as_it_is(tmp_path: Path, grid_world: Any) -> None:
+    folder = tmp_path / "cache"
+    with Store.create(folder, provenance={}) as store:
+        store.put_scene([], grid_world.materials, grid_world.occurrences, {})
+        store.put_tree(grid_world.nodes, grid_world.items, {})
+        with CacheTransport(folder, node_builder=lambda *_: ("hash", b"")) as transport:
+            assert len(transport.nodes()) == len(grid_world.nodes)
+            with pytest.raises(MissingRecordError, match="reading only"):
+                transport.node_tile(0)
 
 
 def test_missing_cache_is_one_line(tmp_path: Path) -> None:
