@@ -193,7 +193,8 @@ class _TileAttack:
         """Distances (upper bounds) of points to one placed surface each, all of one part."""
         sampled, transform = self.parts[part], self.items.transform[item]
         face = sampled.face_of_row[self.items.row[item]]
-        local = np.linalg.solve(transform[:, :, :3], (p - transform[:, :, 3])[:, :, None])[:, :, 0]
+        moved = (p - transform[:, :, 3])[:, :, None]
+        local: Floats = np.asarray(np.linalg.solve(transform[:, :, :3], moved)[:, :, 0], np.float64)
         stretch = np.linalg.norm(transform[:, :, :3], axis=1).max(1)
         within: Floats = np.full(len(item), self.limit)
         within /= stretch
