@@ -18,7 +18,7 @@ from nurbs_ooc.measure.trim_region import TrimRegion
 CAUTION = 1.5
 FIRST_CELLS = 24  # per direction, before anything is discarded
 SMALL = 0.02  # of the limit: cells of this reach are not quartered any more
-MAX_CELLS = 400_000
+MAX_CELLS = 100_000
 
 
 def nowhere_near(region: TrimRegion, face: int, p: npt.NDArray[np.float64], limit: float) -> bool:

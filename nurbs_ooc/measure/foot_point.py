@@ -22,7 +22,8 @@ from nurbs_ooc.measure.trim_region import TrimRegion
 
 MAX_STEPS = 60
 SHRINK, GROW = 0.2, 6.0  # of the damping, after a good and a bad step
-GOLDEN = 0.6180339887498949
+FIRST_SHARES = 7  # points of a boundary segment that are tried: it is nearly straight
+SLIDES = 8  # steps from the best of them
 
 
 @helper
@@ -85,44 +86,50 @@ def _descend(surfaces, curves, values, rows, bounds, p, uv, distance):  # type: 
         distance[i] = np.sqrt(d2)
 
 
+@helper
+def _on_segment(surfaces, curves, values, coedges, segment, row, share, work):  # type: ignore[no-untyped-def]
+    """Point of the exact boundary curve at ``share`` of a segment: uv in ``on[0]``, S in ``s[0]``, dS in ``along``."""
+    scratch, on, s, along = work
+    if segment.coedge >= 0:
+        t = segment.t0 + share * (segment.t1 - segment.t0)
+        curve_point(values, curves[coedges[segment.coedge].pcurve], t, scratch[0], on)
+        for j in range(2):
+            on[1, j] *= segment.t1 - segment.t0
+    else:
+        for j in range(2):
+            on[1, j] = segment.uv1[j] - segment.uv0[j]
+            on[0, j] = segment.uv0[j] + share * on[1, j]
+    surface_point(surfaces, curves, values, row, on[0, 0], on[0, 1], scratch, s)
+    for k in range(3):
+        along[k] = on[1, 0] * s[1, k] + on[1, 1] * s[2, k]
+
+
 @kernel
 def _slide(surfaces, curves, values, coedges, segments, rows, at_segment, p, uv, distance):  # type: ignore[no-untyped-def]
-    """Golden-section search for the foot of ``p`` on the exact boundary curve over one segment."""
-    scratch = np.empty((3, 2, MAX_DEGREE + 1))
-    on, s = np.zeros((2, 3)), np.empty((3, 3))
-    t, d2, where = np.empty(4), np.empty(4), np.empty((4, 2))
+    """Foot of ``p`` on the exact boundary curve over one segment: the best of a few, then Gauss-Newton steps."""
+    on, s, along = np.zeros((2, 3)), np.empty((3, 3)), np.empty(3)
+    work = (np.empty((3, 2, MAX_DEGREE + 1)), on, s, along)
     for i in range(len(rows)):
         segment = segments[at_segment[i]]
-        t[0], t[3] = 0.0, 1.0
-        t[1], t[2] = 1.0 - GOLDEN, GOLDEN
-        fresh = 4  # evaluate all four first, then one a step
-        best = np.inf
-        for _ in range(24):
-            for k in range(4):
-                if fresh != 4 and k != fresh:
-                    continue
-                if segment.coedge >= 0:
-                    along = segment.t0 + t[k] * (segment.t1 - segment.t0)
-                    curve_point(values, curves[coedges[segment.coedge].pcurve], along, scratch[0], on)
-                else:
-                    for j in range(2):
-                        on[0, j] = segment.uv0[j] + t[k] * (segment.uv1[j] - segment.uv0[j])
-                where[k, 0], where[k, 1] = on[0, 0], on[0, 1]
-                surface_point(surfaces, curves, values, rows[i], on[0, 0], on[0, 1], scratch, s)
-                d2[k] = _offset2(p[i], s[0])
-                if d2[k] < best:
-                    best = d2[k]
-                    uv[i, 0], uv[i, 1] = where[k, 0], where[k, 1]
-            if d2[1] < d2[2]:
-                t[3], d2[3] = t[2], d2[2]
-                t[2], d2[2] = t[1], d2[1]
-                t[1] = t[3] - GOLDEN * (t[3] - t[0])
-                fresh = 1
+        best, share, step = np.inf, 0.0, 0.0
+        for k in range(FIRST_SHARES + SLIDES):
+            if k < FIRST_SHARES:
+                trial = k / (FIRST_SHARES - 1)
             else:
-                t[0], d2[0] = t[1], d2[1]
-                t[1], d2[1] = t[2], d2[2]
-                t[2] = t[0] + GOLDEN * (t[3] - t[0])
-                fresh = 2
+                # Step from the best point so far; after a bad step, only half as far.
+                trial = min(1.0, max(0.0, share + step))
+            _on_segment(surfaces, curves, values, coedges, segment, rows[i], trial, work)
+            d2 = _offset2(p[i], s[0])
+            if d2 < best:
+                best, share = d2, trial
+                uv[i, 0], uv[i, 1] = on[0, 0], on[0, 1]
+                up, down = 0.0, 0.0
+                for j in range(3):
+                    up += (p[i, j] - s[0, j]) * along[j]
+                    down += along[j] * along[j]
+                step = up / down if down > 0.0 else 0.0
+            elif k >= FIRST_SHARES:
+                step *= 0.5
         distance[i] = np.sqrt(best)
 
 
