@@ -164,10 +164,10 @@ def _encode(stream, lengths, codes, words, counts):  # type: ignore[no-untyped-d
 def _fill_table(packed, last, table):  # type: ignore[no-untyped-def]
     """Entries symbol | length << 8 by the next 12 bits; False if the lengths are no complete code."""
     lengths = np.zeros(256, np.uint8)
-    total = 0
+    total = np.int64(0)
     n_symbols = 0
     for symbol in range(last + 1):
-        length = packed[symbol >> 1] >> (4 * (symbol & 1)) & 15
+        length = np.int64((packed[symbol >> 1] >> np.uint8(4 * (symbol & 1))) & np.uint8(15))
         if length > MAX_BITS:
             return False
         lengths[symbol] = length

@@ -30,6 +30,7 @@ MIN_NORMAL_BITS, MAX_NORMAL_BITS = 8, 12  # per coordinate: 0.96 to 0.06 degrees
 MAX_COORDINATE = 2.0**60  # mm; beyond, squares and float32 would overflow
 MIN_EXPONENT = -100  # finest step 2**-100 mm, so that steps stay normal numbers in float32
 _ROUND_UP = 1.0 + 2.0**-50
+_SAFE_SQUARE = 1e-280  # squares below lose digits
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,8 @@ def quantise_positions(positions: npt.NDArray[np.float64], grid: Grid) -> tuple[
     steps = np.empty(positions.shape, np.int32)
     base_x, base_y, base_z = grid.base
     squares, single = _quantise(positions, 1.0 / grid.step, base_x, base_y, base_z, steps)
-    return steps, max(math.sqrt(squares), single) * _ROUND_UP * grid.step
+    moved = math.sqrt(squares) if squares > _SAFE_SQUARE else single * math.sqrt(3.0)
+    return steps, moved * _ROUND_UP * grid.step
 
 
 def box_of(positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -145,26 +147,23 @@ def normal_error_deg(bits: int) -> float:
 
 @kernel
 def _measure_box(positions, box):  # type: ignore[no-untyped-def]
+    """Row of a position that is not finite, or -1."""
     for k in range(3):
         low = high = positions[0, k]
-        total = low - low
         for i in range(positions.shape[0]):
             x = positions[i, k]
+            if not abs(x) < np.inf:
+                return i
             low = min(low, x)
             high = max(high, x)
-            total += x - x  # NaN from here on if x is not finite
         box[0, k] = low
         box[1, k] = high
-        if total != 0.0:
-            for i in range(positions.shape[0]):
-                if positions[i, k] - positions[i, k] != 0.0:
-                    return i
     return -1
 
 
 @kernel
 def _quantise(positions, inverse_step, base_x, base_y, base_z, steps):  # type: ignore[no-untyped-def]
-    """Largest squared distance, and largest coordinate difference (its square may underflow), in steps."""
+    """Largest squared distance, and largest coordinate difference, in steps."""
     squares = 0.0
     single = 0.0
     for i in range(positions.shape[0]):
@@ -191,11 +190,12 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
     one = np.float32(1.0)
     scale = np.float32(half)
     tiny = np.float32(1e-30)  # shorter ones count as zero vectors
-    bad = np.float32(0.0)
+    for i in range(normals.shape[0]):
+        if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
+            return i
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         total = abs(x) + abs(y) + abs(z)
-        bad += total - total  # NaN from here on if a coordinate is not finite
         inverse = one / (total if total > tiny else one)
         u = x * inverse
         v = y * inverse
@@ -206,9 +206,4 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
         v = folded_v if fold else v
         octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
         octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
-    if bad != 0.0:
-        for i in range(normals.shape[0]):
-            total = abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2])
-            if total - total != 0.0:
-                return i
     return -1

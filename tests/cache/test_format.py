@@ -242,6 +242,7 @@ def scattered() -> TileContent:
     )
 
 
+@pytest.mark.kernel
 @pytest.mark.parametrize("codec", ["zstd", "huffman", "plain"])
 @pytest.mark.parametrize("bits", [(8, 8), (16, 10), (21, 12)])
 @pytest.mark.parametrize("make", [lambda: content(12, 9), scattered], ids=["sheet", "scattered"])

@@ -58,6 +58,7 @@ def match(tile: DecodedTile, original: TileContent) -> None:
         assert np.linalg.norm(where[tile.points] - old_points, axis=1).max() <= bound * (1 + 1e-9)
 
 
+@pytest.mark.kernel
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize(("rows", "columns"), [(2, 2), (2, 50), (17, 23)])
 def test_round_trip(rows: int, columns: int, codec: str) -> None:
@@ -179,6 +180,7 @@ def flat_content(positions: list[list[float]], triangles: list[list[int]]) -> Ti
     )
 
 
+@pytest.mark.kernel
 def test_triangle_that_becomes_a_segment_leaves_a_line() -> None:
     tile = decode_tile(
         encode_tile(flat_content([[500, 500, 500], [500.1, 500, 500], [600, 500, 500]], [[0, 1, 2]]), position_bits=8)
