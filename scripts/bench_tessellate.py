@@ -17,6 +17,7 @@ import json
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,6 +28,7 @@ from typing import Any
 
 import click
 import numpy as np
+from docs_section import replace_section
 
 from nurbs_cache.surface_record import FaceStatus, GeometryBatch
 from nurbs_ooc.measure.attack_mesh import attack_mesh
@@ -194,6 +196,25 @@ def mesh_ours(parts: list[GeometryBatch], deflection: float) -> list[Any]:
     return [tessellate(geometry, deflection, workers=1) for geometry in parts if len(geometry)]
 
 
+def first_call(model: Path, share: float) -> dict[str, float]:
+    """Seconds that a fresh process takes from importing the tessellator to its first mesh; kernels are compiled already."""
+    code = (
+        "import sys, time; from pathlib import Path; from nurbs_cache.surface_record import GeometryBatch\n"
+        "g = GeometryBatch.from_bytes(Path(sys.argv[1]).read_bytes()); a, b = time.perf_counter(), time.process_time()\n"
+        "from nurbs_ooc.tessellation.tessellate import tessellate\n"
+        "tessellate(g, float(sys.argv[2])); print(time.perf_counter() - a, time.process_time() - b)"
+    )
+    parts = [g for g in read_ours(model) if len(g)]
+    with tempfile.NamedTemporaryFile() as record:
+        record.write(parts[0].to_bytes())
+        record.flush()
+        command = [sys.executable, "-c", code, record.name, str(share * diagonal(parts, 0))]
+        subprocess.run(command, check=True, capture_output=True)  # fills the kernel cache
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+    wall, cpu = map(float, done.stdout.split())
+    return {"wall_s": wall, "cpu_s": cpu}
+
+
 def attack_ours(
     parts: list[GeometryBatch], meshes: list[Any], deflection: float, samples: int, seed: int
 ) -> dict[str, Any]:
@@ -265,6 +286,32 @@ def line(row: dict[str, Any]) -> str:
     return "".join(cells)
 
 
+MARKDOWN_HEAD = (
+    "| model | faces | deflection / diagonal | faces/s, ours | theirs | faster | triangles, ours | theirs "
+    "| ours/theirs | error / deflection, ours | theirs | violations | first call s, ours | theirs |\n|---|"
+    + "--:|"
+    * 13
+)
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """The rows as a Markdown table with the machine's line."""
+    cpu = result["machine"]
+    fresh = result["fresh_process"]
+    lines = [f"{cpu['cpu']}, one of {cpu['cores']} cores, Python {cpu['python']}. First call in a fresh process with"]
+    lines += [f"compiled kernels, imports included: {fresh['wall_s']:.1f} s wall, {fresh['cpu_s']:.1f} s CPU.", ""]
+    lines.append(MARKDOWN_HEAD)
+    for r in result["rows"]:
+        a, b = r["ours"], r["open_cascade"]
+        cells = [r["model"], a["faces"], f"{r['deflection_over_diagonal']:.0e}", f"{a['faces_per_s']:.0f}"]
+        cells += [f"{b['faces_per_s']:.0f}", f"{r['speedup']:.1f}×", a["triangles"], b["triangles"]]
+        cells += [f"{a['triangles'] / max(1, b['triangles']):.2f}", f"{a['error_over_deflection']:.2f}"]
+        cells += [f"{b['error_over_deflection']:.2f}", len(a["violations"])]
+        cells += [f"{side['first_call_s']:.2f}" for side in (a, b)]
+        lines.append("| " + " | ".join(str(c) for c in cells) + " |")
+    return "\n".join(lines)
+
+
 @click.command()
 @click.argument("models", nargs=-1)
 @click.option("--out", type=click.Path(path_type=Path), help="Write everything as JSON.")
@@ -272,22 +319,37 @@ def line(row: dict[str, Any]) -> str:
 @click.option("--runs", default=3, help="Warm runs, of which the median counts.")
 @click.option("--samples", default=300, help="Samples a face and direction.")
 @click.option("--seed", default=0)
-def main(models: tuple[str, ...], out: Path | None, shares: list[float], runs: int, samples: int, seed: int) -> None:
+@click.option(
+    "--docs", type=click.Path(path_type=Path, exists=True), help="Page whose section `tessellate` is replaced."
+)
+def main(
+    models: tuple[str, ...],
+    out: Path | None,
+    shares: list[float],
+    runs: int,
+    samples: int,
+    seed: int,
+    docs: Path | None,
+) -> None:
     """Compare on MODELS (paths, or names in $NURBS_OOC_DATA)."""
     data = Path(os.environ.get("NURBS_OOC_DATA", "."))
     result: dict[str, Any] = {"machine": machine(), "angle_rad": ANGLE, "runs": runs, "samples": samples, "rows": []}
     print(json.dumps(result["machine"]))
+    paths = [Path(name) if Path(name).exists() else data / name for name in models or MODELS]
+    result["fresh_process"] = first_call(next(p for p in paths if p.exists()), shares[0])
+    print(f"first call in a fresh process: {result['fresh_process']}")
     print(HEAD, flush=True)
-    for name in models or MODELS:
-        path = Path(name) if Path(name).exists() else data / name
+    for path in paths:
         if not path.exists():
-            print(f"{name}: not there, left out", file=sys.stderr)
+            print(f"{path}: not there, left out", file=sys.stderr)
             continue
         for row in compare(path, list(shares), runs, samples, seed):
             result["rows"].append(row)
             print(line(row), flush=True)
             if out:
                 out.write_text(json.dumps(result, indent=1))
+    if docs:
+        replace_section(docs, "tessellate", markdown(result))
 
 
 if __name__ == "__main__":
