@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,6 +36,7 @@ DATA_FILE = "data.mdb"
 WRITER_FILE = "writer.lock"
 FIRST_MAP_BYTES = 1 << 30  # address space, not disk; doubles when full
 MAX_READERS = 1024  # read transactions at once, over all processes; 64 bytes each
+FULL_DISK_BYTES = 1 << 20  # less than this is full: a failed write has taken what there was
 _TRIES = 4  # a writer may be in the middle of a commit when a file is first looked at
 _PAUSE_S = 0.02
 
@@ -89,7 +91,7 @@ class Environment:
                 except lmdb.MapFullError:
                     self._resize(2 * self.env.info()["map_size"])
                 except lmdb.Error as error:
-                    raise CacheError(f"{self.path}: cannot be written: {error}") from error
+                    raise CacheError(f"{self.path}: cannot be written: {_why(error, self.path)}") from error
 
     def table(self, name: str) -> lmdb._Database:
         """Handle of a table."""
@@ -284,6 +286,11 @@ def _open_lmdb(path: Path, *, create: bool, map_bytes: int) -> lmdb.Environment:
         return lmdb.open(str(path), map_size=map_bytes, readonly=True, lock=False, create=False, **options)
     except lmdb.Error as error:
         raise CacheError(f"{path}: cannot be opened: {error}") from error
+
+
+def _why(error: lmdb.Error, path: Path) -> str:
+    """LMDB calls a full disk an input/output error."""
+    return "its disk is full" if shutil.disk_usage(path).free < FULL_DISK_BYTES else str(error)
 
 
 def _refuse_foreign(env: lmdb.Environment, path: Path) -> None:

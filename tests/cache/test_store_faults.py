@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -357,3 +358,15 @@ def test_not_writable(cache_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK and real(path, mode))
     with Store.open(cache_path) as store:
         assert store.get("tiles", b"k") == b"v"
+
+
+def test_full_disk_is_called_so(cache_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(transaction: object) -> None:
+        raise lmdb.DiskError("mdb_txn_commit: Input/output error")
+
+    with Store.create(cache_path) as store:
+        usage = shutil.disk_usage(cache_path)
+        for free, message in ((0, "its disk is full"), (1 << 40, "mdb_txn_commit: Input/output error")):
+            monkeypatch.setattr(shutil, "disk_usage", lambda _path, free=free: usage._replace(free=free))
+            with pytest.raises(CacheError, match=f"^{cache_path}: cannot be written: {message}$"):
+                store.transact(fail)
