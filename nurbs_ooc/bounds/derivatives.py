@@ -7,12 +7,14 @@ control vectors are scaled differences of the net, so their largest norm bounds 
     |S_uu| <= p (p - 1) / h_u^2   max |d20 P|
     |S_uv| <= p q / (h_u h_v)     max |d11 P|
 
-A rational patch S = c + N / w, with N the net of w (P - c) and positive weights, has |S - c| <= r,
-r = max |P - c|, and by the quotient rule ::
+A rational patch is measured from an affine map A of its parameters, through its corners in the mean:
+T = S - A has the same second derivatives but is small, so the weights' change multiplies a small
+radius r >= |T|, which also shrinks when the patch is long one way and curved the other. N = w T is a
+polynomial patch of one degree more each way, and by the quotient rule ::
 
-    |S_u|  <= (|N_u| + r |w_u|) / w_min
-    |S_uu| <= (|N_uu| + 2 |w_u| |S_u| + r |w_uu|) / w_min
-    |S_uv| <= (|N_uv| + |w_u| |S_v| + |w_v| |S_u| + r |w_uv|) / w_min
+    |T_u|  <= (|N_u| + r |w_u|) / w_min                       |S_u| <= |T_u| + |A_u|
+    |S_uu| <= (|N_uu| + 2 |w_u| |T_u| + r |w_uu|) / w_min
+    |S_uv| <= (|N_uv| + |w_u| |T_v| + |w_v| |T_u| + r |w_uv|) / w_min
 
 The linear interpolant over any triangle whose parameter box is a x b then differs from S by at most
 (a^2 |S_uu| + 2 a b |S_uv| + b^2 |S_vv|) / 8.
@@ -51,8 +53,8 @@ def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: i
 
 
 @helper
-def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, center: Floats, out: Floats) -> None:
-    """Largest norm of the (di, dj) difference of the spatial part, re-centred, and of the weights."""
+def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats) -> None:
+    """``scale`` times the largest norm of the (di, dj) difference of the spatial part, and of the weights."""
     step_u = (q + 1) * dim
     step_v = dim
     order = 3
@@ -67,64 +69,98 @@ def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, center: Fl
     for i in range(p + 1 - di):
         for j in range(q + 1 - dj):
             at = i * step_u + j * step_v
-            dw = 0.0
             if dim == 4:
-                dw = _difference(net, at, step_a, step_b, order, 3)
+                best_w = max(best_w, abs(_difference(net, at, step_a, step_b, order, 3)))
             size = 0.0
             for k in range(3):
-                d = _difference(net, at, step_a, step_b, order, k) - dw * center[k]
+                d = _difference(net, at, step_a, step_b, order, k)
                 size += d * d
             best = max(best, size)
-            best_w = max(best_w, abs(dw))
-    out[0] = math.sqrt(best)
-    out[1] = best_w
+    out[0] = scale * math.sqrt(best)
+    out[1] = scale * best_w
+
+
+@helper
+def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
+    """Bounds of the five derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights."""
+    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU])
+    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV])
+    _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU])
+    _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV])
+    _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV])
+
+
+@helper
+def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
+    """Rows of ``a`` (3, 3): A at (0, 0), and its change over the box along u and along v."""
+    a[:] = 0.0
+    for i in range(2):
+        for j in range(2):
+            at = (i * p * (q + 1) + j * q) * 4
+            for k in range(3):
+                x = net[at + k] / net[at + 3]
+                a[1, k] += (i - 0.5) * x
+                a[2, k] += (j - 0.5) * x
+                a[0, k] += 0.25 * x
+    for k in range(3):
+        a[0, k] -= 0.5 * (a[1, k] + a[2, k])
+
+
+@helper
+def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
+    """The flat net of (w (S - A), w), of degrees (p + 1) x (q + 1): degree elevation with A taken off on the way."""
+    for i in range(p + 2):
+        for j in range(q + 2):
+            to = (i * (q + 2) + j) * 4
+            for k in range(4):
+                out[to + k] = 0.0
+            for di in range(2):
+                share_u = i / (p + 1.0) if di == 1 else 1.0 - i / (p + 1.0)
+                for dj in range(2):
+                    share = share_u * (j / (q + 1.0) if dj == 1 else 1.0 - j / (q + 1.0))
+                    if share > 0.0:
+                        at = ((i - di) * (q + 1) + j - dj) * 4
+                        w = net[at + 3]
+                        out[to + 3] += share * w
+                        for k in range(3):
+                            out[to + k] += share * (net[at + k] - w * (a[0, k] + di * a[1, k] + dj * a[2, k]))
+
+
+@helper
+def _rational_bounds(net: Floats, p: int, q: int, h_u: float, h_v: float, sizes: Floats, out: Floats) -> None:
+    """Bounds of a rational patch to ``out``; ``sizes`` (5, 2) is scratch."""
+    a = np.empty((3, 3))
+    _affine_map(net, p, q, a)
+    lifted = np.empty((p + 2) * (q + 2) * 4)
+    _less_affine(net, p, q, a, lifted)
+    r = 0.0
+    w_min = lifted[3]
+    for i in range((p + 2) * (q + 2)):
+        at = 4 * i
+        w = lifted[at + 3]
+        w_min = min(w_min, w)
+        r = max(r, math.sqrt(lifted[at] ** 2 + lifted[at + 1] ** 2 + lifted[at + 2] ** 2) / w)
+    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, sizes)
+    w_u, w_v = sizes[LU, 1], sizes[LV, 1]
+    t_u = (sizes[LU, 0] + r * w_u) / w_min
+    t_v = (sizes[LV, 0] + r * w_v) / w_min
+    out[LU] = t_u + math.sqrt(a[1, 0] ** 2 + a[1, 1] ** 2 + a[1, 2] ** 2) / h_u
+    out[LV] = t_v + math.sqrt(a[2, 0] ** 2 + a[2, 1] ** 2 + a[2, 2] ** 2) / h_v
+    out[MUU] = (sizes[MUU, 0] + 2.0 * w_u * t_u + r * sizes[MUU, 1]) / w_min
+    out[MUV] = (sizes[MUV, 0] + w_u * t_v + w_v * t_u + r * sizes[MUV, 1]) / w_min
+    out[MVV] = (sizes[MVV, 0] + 2.0 * w_v * t_v + r * sizes[MVV, 1]) / w_min
 
 
 @helper
 def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
     """Write |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv| bounds of a flat net (p + 1, q + 1, dim) to ``out``."""
-    center = np.zeros(3)
-    r = 0.0
-    w_min = 1.0
+    sizes = np.empty((5, 2))
     if dim == 4:
-        # Centre on the mean of the corners, so that the weights' change multiplies a small radius.
-        for corner in range(4):
-            at = ((corner & 1) * p * (q + 1) + (corner >> 1) * q) * 4
-            for k in range(3):
-                center[k] += 0.25 * net[at + k] / net[at + 3]
-        w_min = net[3]
-        for i in range((p + 1) * (q + 1)):
-            w = net[4 * i + 3]
-            w_min = min(w_min, w)
-            size = 0.0
-            for k in range(3):
-                d = net[4 * i + k] / w - center[k]
-                size += d * d
-            r = max(r, math.sqrt(size))
-    pair = np.empty(2)
-    _largest(net, p, q, dim, 1, 0, center, pair)
-    w_u = p * pair[1] / h_u
-    out[LU] = (p * pair[0] / h_u + r * w_u) / w_min
-    _largest(net, p, q, dim, 0, 1, center, pair)
-    w_v = q * pair[1] / h_v
-    out[LV] = (q * pair[0] / h_v + r * w_v) / w_min
-    out[MUU] = 0.0
-    out[MVV] = 0.0
-    if p > 1:
-        _largest(net, p, q, dim, 2, 0, center, pair)
-        scale = p * (p - 1) / (h_u * h_u)
-        out[MUU] = (scale * pair[0] + r * scale * pair[1]) / w_min
-    if q > 1:
-        _largest(net, p, q, dim, 0, 2, center, pair)
-        scale = q * (q - 1) / (h_v * h_v)
-        out[MVV] = (scale * pair[0] + r * scale * pair[1]) / w_min
-    _largest(net, p, q, dim, 1, 1, center, pair)
-    scale = p * q / (h_u * h_v)
-    out[MUV] = (scale * pair[0] + r * scale * pair[1]) / w_min
-    if dim == 4:
-        out[MUU] += 2.0 * w_u * out[LU] / w_min
-        out[MVV] += 2.0 * w_v * out[LV] / w_min
-        out[MUV] += (w_u * out[LV] + w_v * out[LU]) / w_min
+        _rational_bounds(net, p, q, h_u, h_v, sizes, out)
+    else:
+        _sizes(net, p, q, dim, h_u, h_v, sizes)
+        for k in range(5):
+            out[k] = sizes[k, 0]
     for k in range(5):
         out[k] *= OUTWARD
 
