@@ -160,10 +160,10 @@ class ResidencyTable:
                 self._serving[key.surface, level] = key
             self.lod_mask[key.surface] |= np.int64(1 << (level + LEVEL_BIAS))
 
-    def finest_lod(self, surface: int) -> TileKey | None:
-        """The surface's finest resident LOD."""
+    def finest_level(self, surface: int) -> int | None:
+        """The finest level that one of the surface's resident LODs serves."""
         mask = int(self.lod_mask[surface])
-        return self._serving[surface, (mask & -mask).bit_length() - 1 - LEVEL_BIAS] if mask else None
+        return (mask & -mask).bit_length() - 1 - LEVEL_BIAS if mask else None
 
     def lod_entry(self, surface: int, level: int) -> tuple[TileKey, Entry]:
         """The resident LOD that serves a level set in ``lod_mask``: the coarsest that is good enough."""
@@ -212,11 +212,10 @@ class ResidencyTable:
                 self._serve(other, self.entries[other].error)
 
 
-def drawn_tiles(scene: Scene, chosen: Selection, table: ResidencyTable) -> set[TileKey]:
-    """The tiles that a selection draws."""
+def drawn_lods(scene: Scene, chosen: Selection, table: ResidencyTable) -> list[tuple[TileKey, Entry]]:
+    """The LODs that a selection draws, one per item."""
     surfaces = scene.item_arrays.surface[chosen.items].tolist()
-    lods = {table.lod_entry(s, level)[0] for s, level in zip(surfaces, chosen.item_levels.tolist(), strict=True)}
-    return lods | {TileKey.of_node(row) for row in chosen.nodes.tolist()}
+    return [table.lod_entry(s, level) for s, level in zip(surfaces, chosen.item_levels.tolist(), strict=True)]
 
 
 def nearby_tiles(scene: Scene, chosen: Selection) -> set[TileKey]:

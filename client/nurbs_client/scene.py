@@ -11,6 +11,10 @@ import numpy.typing as npt
 from nurbs_cache.errors import CacheError
 from nurbs_cache.scene_record import Material
 
+FINEST_LEVELS = 18
+"""LODs are not asked for below 2**-18 of a surface's longest edge, 4 micrometres on a metre: a sphere has half a
+million triangles there, and who touches a surface with the eye would ask for more without end."""
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
@@ -35,6 +39,7 @@ class ItemArrays(NamedTuple):
     aabb_min: Floats  # (n, 3)
     aabb_max: Floats  # (n, 3)
     scale: Floats  # (n,) largest stretch of the occurrence's transform
+    finest: Ints  # (n,) ladder level below which the surface is not refined
     surface: Ints  # (n,) row in ``Scene.surface_ids``: items that place the same surface share it
 
 
@@ -96,12 +101,20 @@ def make_scene(
         roots=roots,
         surface_ids=surface_ids,
         node_arrays=_node_arrays(nodes),
-        item_arrays=ItemArrays(
-            np.ascontiguousarray(items["aabb_min"]),
-            np.ascontiguousarray(items["aabb_max"]),
-            np.maximum(items["scale"].astype(np.float64), 1e-300),
-            surface_rows.astype(np.int32),
-        ),
+        item_arrays=_item_arrays(items, surface_rows.astype(np.int32)),
+    )
+
+
+def _item_arrays(items: npt.NDArray[np.void], surface_rows: Ints) -> ItemArrays:
+    scale = np.maximum(items["scale"].astype(np.float64), 1e-300)
+    edges = (items["aabb_max"] - items["aabb_min"]).max(axis=1) / scale
+    finest = np.floor(np.log2(np.maximum(edges, 1e-300))) - FINEST_LEVELS
+    return ItemArrays(
+        np.ascontiguousarray(items["aabb_min"]),
+        np.ascontiguousarray(items["aabb_max"]),
+        scale,
+        np.clip(finest, -1000, 1000).astype(np.int32),
+        surface_rows,
     )
 
 

@@ -138,8 +138,9 @@ def coarsest_level(items: ItemArrays, item: int, node_level: int) -> int:
 
 @helper
 def wanted_level(items: ItemArrays, item: int, node_level: int, allowed: float) -> int:
-    """LOD level for a direct surface: within ``allowed`` mm, and at most half its node's error."""
-    return min(coarsest_level(items, item, node_level), level_below(allowed, items.scale[item]))
+    """LOD level for a direct surface: within ``allowed`` mm, at most half its node's error, and not too fine."""
+    level = min(coarsest_level(items, item, node_level), level_below(allowed, items.scale[item]))
+    return min(max(level, items.finest[item], MIN_LEVEL), MAX_LEVEL)
 
 
 @kernel

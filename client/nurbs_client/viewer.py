@@ -20,7 +20,7 @@ from nurbs_client.own_distance import own_mm_per_px
 from nurbs_client.prefetch import Request, prefetch_requests, visible_requests, wanted_keys
 from nurbs_client.renderer.frame_target import FrameTarget
 from nurbs_client.renderer.renderer import DrawList, Renderer
-from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_tiles, nearby_tiles
+from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_lods, nearby_tiles
 from nurbs_client.scene import Scene, make_scene
 from nurbs_client.screen_error import screen_error_px
 from nurbs_client.selection import MAX_LEVEL, MIN_LEVEL, Selection, select
@@ -100,9 +100,8 @@ class Viewer:
         self._collect()
         chosen = self._select(camera)
         self._request(camera, chosen)
-        drawn = drawn_tiles(self.scene, chosen, self.table)
         self.table.keep(nearby_tiles(self.scene, chosen), self.frame - 0.5)
-        self.table.keep(drawn, self.frame)
+        self.table.keep(self._drawn_keys(chosen), self.frame)
         self.table.shrink(self.frame)
         self.selection = chosen
         return self._is_settled(chosen)
@@ -132,8 +131,11 @@ class Viewer:
         if chosen is None:
             raise RuntimeError("draw comes after step")
         node_px = screen_error_px(chosen.node_mm_per_px, self.table.node_error[chosen.nodes], camera.focal_px)
-        item_px = self._item_px(camera, chosen)
-        self.renderer.draw(camera, target, self._draw_list(chosen, node_px, item_px))
+        lods = [entry for _, entry in drawn_lods(self.scene, chosen, self.table)]
+        errors = np.array([lod.error for lod in lods]) * self.scene.item_arrays.scale[chosen.items]
+        item_px = screen_error_px(chosen.item_mm_per_px, errors, camera.focal_px)
+        slots = np.concatenate([self.table.node_slot[chosen.nodes], np.array([lod.slot for lod in lods], np.int64)])
+        self.renderer.draw(camera, target, self._draw_list(chosen, slots, np.concatenate([node_px, item_px])))
         return Drawn(np.concatenate([node_px, item_px, chosen.hole_px]), chosen.n_holes, chosen.n_substitutes)
 
     def _collect(self) -> None:
@@ -161,11 +163,15 @@ class Viewer:
 
     def _needed_bytes(self, chosen: Selection) -> int:
         """Graphics memory of what is drawn and of what would replace it."""
-        drawn = sum(self.table.entries[key].n_bytes for key in drawn_tiles(self.scene, chosen, self.table))
+        drawn = sum(self.table.entries[key].n_bytes for key in self._drawn_keys(chosen))
         n_triangles = self.scene.nodes["n_triangles"][chosen.wanted_nodes].astype(np.int64)
         typical = self.table.used_bytes // max(self.table.n_resident, 1) or TYPICAL_TILE_BYTES
         nodes = np.where(n_triangles > 0, n_triangles * BYTES_PER_TRIANGLE, typical).sum()
         return int(drawn + nodes + typical * len(chosen.wanted_items))
+
+    def _drawn_keys(self, chosen: Selection) -> set[TileKey]:
+        lods = {key for key, _ in drawn_lods(self.scene, chosen, self.table)}
+        return lods | {TileKey.of_node(row) for row in chosen.nodes.tolist()}
 
     def _request(self, camera: Camera, chosen: Selection) -> None:
         """Ask for what is missing, then for what may soon be."""
@@ -208,9 +214,11 @@ class Viewer:
         before = own[self._near_items].copy()
         own[:] = 0.0
         for item in self._near_items.tolist():
-            key = self.table.finest_lod(int(self.scene.item_arrays.surface[item]))
-            if key is None:
+            surface = int(self.scene.item_arrays.surface[item])
+            level = self.table.finest_level(surface)
+            if level is None:
                 continue
+            key = self.table.lod_entry(surface, level)[0]
             if (item, key) not in self._measured:
                 self._measured[item, key] = self._distance_measure(camera, item, key)
             own[item] = self._measured[item, key]
@@ -231,38 +239,26 @@ class Viewer:
         near = np.flatnonzero(np.isin(chosen.wanted_items, self._near_items))
         for index in near.tolist():
             item = int(chosen.wanted_items[index])
-            key = self.table.finest_lod(int(self.scene.item_arrays.surface[item]))
+            finest = self.table.finest_level(int(self.scene.item_arrays.surface[item]))
             scale = float(self.scene.item_arrays.scale[item])
             node_level = int(self.scene.node_arrays.level[self.scene.items["node"][item]])
             coarsest = math.floor(node_level - 1 - math.log2(scale))
-            limit = key.level - FINER_PER_LOAD if key else coarsest
+            limit = coarsest if finest is None else finest - FINER_PER_LOAD
             levels[index] = min(max(levels[index], limit, MIN_LEVEL), MAX_LEVEL)
         return levels
 
-    def _item_px(self, camera: Camera, chosen: Selection) -> npt.NDArray[np.float64]:
-        """(n,) pixels that the drawn LODs' own errors may show."""
-        surfaces = self.scene.item_arrays.surface[chosen.items].tolist()
-        pairs = zip(surfaces, chosen.item_levels.tolist(), strict=True)
-        errors = np.array([self.table.lod_entry(s, level)[1].error for s, level in pairs], dtype=np.float64)
-        errors *= self.scene.item_arrays.scale[chosen.items]
-        return screen_error_px(chosen.item_mm_per_px, errors, camera.focal_px)
-
     def _draw_list(
-        self, chosen: Selection, node_px: npt.NDArray[np.float64], item_px: npt.NDArray[np.float64]
+        self, chosen: Selection, slots: npt.NDArray[np.int64], error_px: npt.NDArray[np.float64]
     ) -> DrawList:
-        """Slots, transforms, colours; points and lines twice as thick as the error that shows."""
-        nodes, items = self.scene.nodes, self.scene.items
-        surfaces = self.scene.item_arrays.surface[chosen.items].tolist()
-        pairs = zip(surfaces, chosen.item_levels.tolist(), strict=True)
-        lod_slots = np.array([self.table.lod_entry(s, level)[1].slot for s, level in pairs], dtype=np.int64)
-        held = items[chosen.items]
+        """Transforms and colours; points and lines twice as thick as the error that shows."""
+        nodes, held = self.scene.nodes, self.scene.items[chosen.items]
         fixed = np.broadcast_to(np.eye(3, 4), (len(chosen.nodes), 3, 4))
         materials = np.concatenate([nodes["material"][chosen.nodes], nodes["material"][held["node"]]])
         return DrawList(
-            np.concatenate([self.table.node_slot[chosen.nodes], lod_slots]),
+            slots,
             np.concatenate([fixed, self.scene.transforms[held["occurrence"]]]),
             self.scene.colours[np.clip(materials, 0, len(self.scene.colours) - 1)],
-            2.0 * np.concatenate([node_px, item_px]),
+            2.0 * error_px,
         )
 
 

@@ -76,7 +76,7 @@ class Size(click.ParamType[tuple[int, int]]):
 )
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="Write the report as JSON.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
-@run_command
+@run_command(resume="the frames drawn so far are in the output folder")
 def command(
     source: str,
     path_file: str,

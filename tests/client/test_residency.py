@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from nurbs_client.camera import Camera
 from nurbs_client.prefetch import prefetch_requests, priority_bins, visible_requests
-from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_tiles, nearby_tiles
+from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_lods, nearby_tiles
 from nurbs_client.selection import LEVEL_BIAS, select
 from nurbs_client.tile_mesh import TileMesh, make_mesh
 
@@ -60,8 +58,8 @@ def test_a_lod_serves_all_levels_it_is_good_for(grid_world: Any) -> None:
     table.arrive(TileKey.of_lod(5, 0), 1, mesh_of(1, error=0.2))
     assert table.lod_entry(5, -1)[0].level == 2, "the coarser one has fewer triangles"
     assert table.lod_entry(5, -2)[0].level == 0
-    assert table.finest_lod(5) == TileKey.of_lod(5, 0)
-    assert table.finest_lod(6) is None
+    assert table.finest_level(5) == -2
+    assert table.finest_level(6) is None
 
 
 def test_eviction_spares_what_is_drawn_and_takes_the_oldest_first(grid_world: Any) -> None:
@@ -99,8 +97,7 @@ def test_kept_are_the_drawn_their_parents_and_children(grid_world: Any) -> None:
     for surface in range(len(scene.surface_ids)):
         table.arrive(TileKey.of_lod(surface, -3), 0, mesh_of(1, 0.1))
     chosen = select(scene, camera.view, 0.5, table.snapshot)
-    drawn = drawn_tiles(scene, chosen, table)
-    assert {key.node for key in drawn if key.node >= 0} == set(chosen.nodes.tolist())
+    assert len(drawn_lods(scene, chosen, table)) == len(chosen.items)
     near = {key.node for key in nearby_tiles(scene, chosen)}
     for row in chosen.nodes.tolist():
         first, n = scene.nodes["first_child"][row], scene.nodes["n_children"][row]
@@ -120,9 +117,8 @@ def test_governor_raises_at_once_and_takes_back_slowly() -> None:
     assert governor.effective_px == 0.5
 
 
-@given(st.lists(st.floats(1e-9, 1e9), min_size=2, max_size=50))
-def test_bins_keep_the_order(priorities: list[float]) -> None:
-    values = np.sort(np.array(priorities))
+def test_bins_keep_the_order() -> None:
+    values = np.sort(10.0 ** np.random.default_rng(0).uniform(-9, 9, 500))
     bins = priority_bins(values)
     assert (np.diff(bins) >= 0).all()
     assert priority_bins(np.array([1.0, 1.5, 2.0])).tolist() == [0, 1, 2]
