@@ -181,6 +181,23 @@ def test_lines_fill_a_gap_but_cover_nothing(context: Context, renderer: Renderer
     assert (picture(context, renderer, camera, [plain[0], over]) == picture(context, renderer, camera, plain[:1])).all()
 
 
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_points_and_lines_are_lit_like_the_surface_they_lie_on(
+    context: Context, renderer: Renderer, mirror: float
+) -> None:
+    square = np.array([[0, -50, -50], [0, 50, -50], [0, 50, 50], [0, -50, 50]], float)
+    normals = [[0.6, mirror * 0.64, 0.48]] * 4
+    camera = camera_at((300, 0, 0))
+    transform = [np.column_stack([np.diag([1.0, mirror, 1.0]), np.zeros(3)])]
+    faces = picture(context, renderer, camera, [mesh_of(square, normals, [[0, 1, 2], [0, 2, 3]])], transforms=transform)
+    want = faces[SIZE[1] // 2, SIZE[0] // 2].astype(int)
+    middle = mesh_of([[0, -30, 0], [0, 30, 0]], normals[:2], lines=[[0, 1]], dots=[0])
+    thin = picture(context, renderer, camera, [middle], transforms=transform, thickness=6.0)
+    pixels = thin[is_red(thin)].astype(int)
+    assert len(pixels) > 100
+    assert (np.abs(pixels - want).max(axis=-1) < 12).all()
+
+
 def test_points_have_their_size(context: Context, renderer: Renderer) -> None:
     dot = mesh_of([[0, 0.3, 0.3]], [[1, 0, 0]], dots=[0])
     areas = [

@@ -1,7 +1,7 @@
 """The shader programs: Blinn-Phong for triangles, lines and points, and the background.
 
 Light is fixed to the camera, as in a CAD viewer: a key light from the upper left, a fill light from
-the right, sky and ground for the rest. Colours are linear until the last line, which encodes sRGB.
+the right, a little from the eye itself, sky and ground for the rest. Colours are linear until the last line, which encodes sRGB.
 Both sides are lit: a normal is turned to the side of the triangle that is seen, then mirrored in the
 image plane where interpolation has turned it away from the viewer, so silhouettes stay smooth.
 
@@ -37,10 +37,10 @@ void main() {
     vec4 p = vec4(position, 1.0);
     vec3 v = vec3(dot(row_x, p), dot(row_y, p), dot(row_z, p));
     vec3 n = from_octahedral(vec2(normal) / 32767.0);
-    // Normals go with the cofactors: right for any scale, and for mirrored transforms up to the sign.
-    view_normal = vec3(dot(cross(row_y.xyz, row_z.xyz), n),
-                       dot(cross(row_z.xyz, row_x.xyz), n),
-                       dot(cross(row_x.xyz, row_y.xyz), n));
+    // Normals go with the cofactors, turned where the transform mirrors, as view space itself does.
+    vec3 y_z = cross(row_y.xyz, row_z.xyz);
+    view_normal = vec3(dot(y_z, n), dot(cross(row_z.xyz, row_x.xyz), n), dot(cross(row_x.xyz, row_y.xyz), n));
+    if (dot(row_x.xyz, y_z) < 0.0) view_normal = -view_normal;
     view_normal *= inversesqrt(max(dot(view_normal, view_normal), 1e-36));
     view_position = v;
     colour = colour_size.rgb;
@@ -59,12 +59,12 @@ vec3 encode_srgb(vec3 c) {
 vec3 shade(vec3 n, vec3 to_eye, vec3 albedo) {
     float facing = dot(n, to_eye);
     if (facing < 0.0) n -= 2.0 * facing * to_eye;
-    const vec3 key = normalize(vec3(-0.45, 0.70, -0.75));
+    const vec3 key = normalize(vec3(-0.50, 0.55, -0.80));
     const vec3 fill = normalize(vec3(0.80, 0.05, -0.55));
-    const vec3 sky = vec3(0.34, 0.35, 0.37);
-    const vec3 ground = vec3(0.15, 0.145, 0.14);
-    vec3 ambient = mix(ground, sky, 0.5 + 0.5 * n.y);
-    vec3 diffuse = ambient + 0.74 * max(dot(n, key), 0.0) + vec3(0.20, 0.21, 0.22) * max(dot(n, fill), 0.0);
+    const vec3 sky = vec3(0.26, 0.27, 0.29);
+    const vec3 ground = vec3(0.13, 0.125, 0.12);
+    vec3 ambient = mix(ground, sky, 0.5 + 0.5 * n.y) + 0.16 * abs(dot(n, to_eye));
+    vec3 diffuse = ambient + 0.64 * max(dot(n, key), 0.0) + vec3(0.18, 0.19, 0.20) * max(dot(n, fill), 0.0);
     float gloss = pow(max(dot(n, normalize(key + to_eye)), 0.0), 42.0);
     gloss += 0.25 * pow(max(dot(n, normalize(fill + to_eye)), 0.0), 24.0);
     return albedo * diffuse + 0.16 * gloss;
