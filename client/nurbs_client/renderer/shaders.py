@@ -1,7 +1,8 @@
 """The shader programs: Blinn-Phong for triangles, lines and points, and the background.
 
 Light is fixed to the camera, as in a CAD viewer: a key light from the upper left, a fill light from
-the right, a little from the eye itself, sky and ground for the rest. Colours are linear until the last line, which encodes sRGB.
+the right, a little from the eye itself, sky and ground for the rest. Colours are linear until the
+last line, which encodes sRGB.
 Both sides are lit: a normal is turned to the side of the triangle that is seen, then mirrored in the
 image plane where interpolation has turned it away from the viewer, so silhouettes stay smooth.
 
