@@ -46,6 +46,11 @@ class Forest:
         placements = Placements.of_transforms(store.get_occurrences()["transform"])
         return cls(store.get_nodes(), store.get_items(), placements)
 
+    def items_of(self, row: int) -> npt.NDArray[np.void]:
+        """All items of a node's subtree."""
+        first = int(self.nodes["first_item"][row])
+        return self.items[first : first + int(self.nodes["n_items"][row])]
+
 
 @dataclass(frozen=True, eq=False)
 class BuiltBatch:
@@ -65,19 +70,26 @@ class BuiltBatch:
     meshes: MeshPool
 
 
-def batches(nodes: npt.NDArray[np.void], rows: npt.NDArray[np.int64]) -> Iterator[npt.NDArray[np.int64]]:
-    """Cut ``rows`` into batches of one level each, coarse levels first, of bounded numbers of items."""
-    order = rows[np.lexsort((rows, -nodes["level"][rows]))]
-    batch: list[int] = []
-    n_items = 0
-    for row in order.tolist():
-        too_many = n_items + nodes["n_items"][row] > tunables.ITEMS_PER_BATCH
-        if batch and (too_many or nodes["level"][row] != nodes["level"][batch[0]]):
-            yield np.array(batch, np.int64)
-            batch, n_items = [], 0
-        batch.append(row)
-        n_items += int(nodes["n_items"][row])
-    if batch:
+def batches(forest: Forest, rows: npt.NDArray[np.int64]) -> Iterator[npt.NDArray[np.int64]]:
+    """Cut ``rows`` into batches of one level each, coarse levels first, that need a bounded number of meshes."""
+    levels = forest.nodes["level"][rows]
+    taken = np.zeros(int(forest.items["surface"].max(initial=0)) + 1, np.bool_)  # surfaces with a mesh in the batch
+    for level in np.unique(levels)[::-1].tolist():
+        budget = NodeBudget.of_level(level, tunables.SHARES)
+        batch: list[int] = []
+        taken[:], n_taken, n_items = False, 0, 0
+        for row in np.sort(rows[levels == level]).tolist():
+            items = forest.items_of(row)
+            wanted = np.unique(items["surface"][~shown_as_point(items, budget)])
+            n_new = int((~taken[wanted]).sum())
+            full = n_taken + n_new > tunables.SURFACES_PER_BATCH or n_items + len(items) > tunables.ITEMS_PER_BATCH
+            if batch and full:
+                yield np.array(batch, np.int64)
+                batch, n_new = [], len(wanted)
+                taken[:], n_taken, n_items = False, 0, 0
+            batch.append(row)
+            taken[wanted] = True
+            n_taken, n_items = n_taken + n_new, n_items + len(items)
         yield np.array(batch, np.int64)
 
 
@@ -143,7 +155,7 @@ def build_tiles(
         advance: told how many nodes were stored.
     """
     report = FaceReport(store)
-    for batch in batches(forest.nodes, rows):
+    for batch in batches(forest, rows):
         built = build_batch(store, forest, batch, workers)
         store.put_tiles(built.tiles)
         report.add(built.surfaces, built.meshes)

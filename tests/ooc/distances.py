@@ -8,29 +8,35 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+CHUNK = 64  # primitives that are compared with all points at once
+
+
 def to_segments(points: Array, a: Array, b: Array) -> Array:
     """(n,) distance of each point to the nearest of the segments (m, 3) a-b; inf if there is none."""
     best = np.full(len(points), np.inf)
-    for p, q in zip(a, b, strict=True):
-        d = q - p
-        t = np.clip((points - p) @ d / max(d @ d, 1e-300), 0.0, 1.0)
-        best = np.minimum(best, np.linalg.norm(points - p - t[:, None] * d, axis=1))
+    for first in range(0, len(a), CHUNK):
+        p, d = a[first : first + CHUNK], (b - a)[first : first + CHUNK]
+        w = points[:, None] - p
+        t = np.clip((w * d).sum(axis=2) / np.maximum((d * d).sum(axis=1), 1e-300), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(w - t[:, :, None] * d, axis=2).min(axis=1))
     return best
 
 
 def to_triangles(points: Array, corners: Array) -> Array:
     """(n,) distance of each point to the nearest of the triangles (m, 3, 3)."""
     best = np.full(len(points), np.inf)
-    for p, q, r in corners:
+    for k in range(3):
+        best = np.minimum(best, to_segments(points, corners[:, k], corners[:, (k + 1) % 3]))
+    for first in range(0, len(corners), CHUNK):
+        p, q, r = (corners[first : first + CHUNK, k] for k in range(3))
         normal = np.cross(q - p, r - p)
-        square = normal @ normal
-        if square > 0:
-            w = points - p
-            beta = np.cross(w, r - p) @ normal / square
-            gamma = np.cross(q - p, w) @ normal / square
-            inside = (beta >= 0) & (gamma >= 0) & (beta + gamma <= 1)
-            best = np.minimum(best, np.where(inside, np.abs(w @ normal) / np.sqrt(square), np.inf))
-        best = np.minimum(best, to_segments(points, np.array([p, q, r]), np.array([q, r, p])))
+        square = np.maximum((normal * normal).sum(axis=1), 1e-300)
+        w = points[:, None] - p
+        beta = (w * np.cross(r - p, normal)).sum(axis=2) / square
+        gamma = (w * np.cross(normal, q - p)).sum(axis=2) / square
+        inside = (beta >= 0) & (gamma >= 0) & (beta + gamma <= 1) & (square > 1e-300)
+        height = np.abs((w * normal).sum(axis=2)) / np.sqrt(square)
+        best = np.minimum(best, np.where(inside, height, np.inf).min(axis=1))
     return best
 
 

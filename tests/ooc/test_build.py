@@ -11,8 +11,10 @@ from nurbs_cache.errors import CacheError, InputFileError, UsageError
 from nurbs_cache.store import Store
 from nurbs_cache.surface_record import SurfaceKind
 from nurbs_cache.tile import decode_tile
+from nurbs_ooc.build import tunables
 from nurbs_ooc.build.report import contents
 from nurbs_ooc.build.target import partial_path
+from nurbs_ooc.build.tile_stage import Forest, batches
 from nurbs_ooc.geometry.surface import evaluate
 from tests.ooc.distances import samples_of, to_drawn
 from tests.ooc.scenes import ball, hash_of, peg_board, run_build, write_scene
@@ -47,29 +49,27 @@ def test_tiles_keep_their_bound_in_both_directions(built: Path) -> None:
     rng = np.random.default_rng(0)
     parts = [peg_board(), ball()]
     with Store.open(built) as store:
-        items, occurrences = store.get_items(), store.get_occurrences()
-        for node in store.get_nodes():
+        nodes, items, occurrences = store.get_nodes(), store.get_items(), store.get_occurrences()
+        for node in nodes[rng.permutation(len(nodes))[:12]]:
             tile = decode_tile(store.get_tile(bytes(node["tile_hash"])))
             positions = tile.origin + tile.positions.astype(float)
             drawn = positions, tile.triangles, tile.lines, tile.points
             samples = samples_of(*drawn, n=3)
             samples = samples[rng.permutation(len(samples))[:4000]]
-            nearest = np.full(len(samples), np.inf)
-            held = items[node["first_item"] : node["first_item"] + node["n_items"]]
-            for item in held:
+            nearest, on_surfaces = np.full(len(samples), np.inf), []
+            for item in items[node["first_item"] : node["first_item"] + node["n_items"]]:
                 transform = occurrences["transform"][item["occurrence"]]
                 linear, shift = transform[:, :3], transform[:, 3]
-                scale = np.linalg.norm(linear, 2)
                 part = parts[occurrences["part"][item["occurrence"]]]
                 row = int(item["surface"]) - (0 if part is parts[0] else len(parts[0]))
                 s = part.surfaces[row]
                 domain = tuple(float(s[name]) for name in ("u0", "u1", "v0", "v1"))
-                uv = rng.uniform([domain[0], domain[2]], [domain[1], domain[3]], (12, 2))
-                points = evaluate(part, row, uv)[0] @ linear.T + shift
-                assert to_drawn(points, *drawn).max() <= tile.ledger.total + 1e-9
+                uv = rng.uniform([domain[0], domain[2]], [domain[1], domain[3]], (8, 2))
+                on_surfaces.append(evaluate(part, row, uv)[0] @ linear.T + shift)
                 frame = part.values[s["frame"] : s["frame"] + 14]
-                local = (samples - shift) @ np.linalg.inv(linear).T
-                nearest = np.minimum(nearest, scale * exact_distance(int(s["kind"]), frame, domain, local))
+                distance = exact_distance(int(s["kind"]), frame, domain, (samples - shift) @ np.linalg.inv(linear).T)
+                nearest = np.minimum(nearest, np.linalg.norm(linear, 2) * distance)
+            assert to_drawn(np.concatenate(on_surfaces), *drawn).max() <= tile.ledger.total + 1e-9
             assert nearest.max() <= tile.ledger.total + 1e-9
             assert tile.ledger.total <= node["geometric_error"]
 
@@ -184,3 +184,20 @@ def test_scene_without_surfaces(tmp_path: Path) -> None:
     run_build(tmp_path / "empty.nurbs", tmp_path / "cache")
     with Store.open(tmp_path / "cache") as store:
         assert contents(store)["nodes"] == 0
+
+
+def test_batches_are_bounded_and_do_not_change_the_tiles(
+    source: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tunables, "SURFACES_PER_BATCH", 10)
+    with Store.open(built) as store:
+        forest = Forest.load(store)
+        rows = np.arange(len(forest.nodes))
+        parts = list(batches(forest, rows))
+        assert sorted(np.concatenate(parts).tolist()) == rows.tolist()
+        levels = [forest.nodes["level"][part] for part in parts]
+        assert all(len(set(level.tolist())) == 1 for level in levels)
+        assert [level[0] for level in levels] == sorted((level[0] for level in levels), reverse=True)
+        assert len(parts) > len({int(level[0]) for level in levels})
+    run_build(source, tmp_path / "small")
+    assert hash_of(tmp_path / "small") == hash_of(built)
