@@ -239,6 +239,24 @@ def test_the_same_bytes_every_time(
     assert edges > 50
 
 
+@pytest.mark.parametrize(("samples", "msaa", "factor"), [(4, 4, 1), (16, 4, 2)])
+def test_samples_of_the_card_give_the_same_picture(
+    context: Context, renderer: Renderer, sphere_arrays: Callable[..., Any], monkeypatch: pytest.MonkeyPatch,
+    samples: int, msaa: int, factor: int,
+) -> None:  # fmt: skip
+    points, normals, triangles, _ = sphere_arrays(50.0, 0.5)
+    mesh = mesh_of(points, normals, triangles)
+    averaged = picture(context, renderer, camera_at((200, 80, 60)), [mesh], samples=samples)
+    monkeypatch.setattr(Context, "is_software", False)
+    target = FrameTarget(context, SIZE, samples)
+    assert (target.msaa, target.factor, target.samples) == (msaa, factor, samples)
+    target.release()
+    sampled = picture(context, renderer, camera_at((200, 80, 60)), [mesh], samples=samples)
+    difference = np.abs(sampled.astype(int) - averaged).max(axis=-1)
+    assert (difference > 6).mean() < 0.02, "on the outline only"
+    assert difference.max() < 110
+
+
 def test_empty_scene_is_background(context: Context, renderer: Renderer) -> None:
     image = picture(context, renderer, camera_at((200, 80, 60)), [])
     assert image.min() > 200

@@ -45,6 +45,11 @@ class Context:
         """What draws, as OpenGL names it."""
         return str(self.gl.info["GL_RENDERER"])
 
+    @property
+    def is_software(self) -> bool:
+        """Whether the processor draws."""
+        return "llvmpipe" in self.renderer or "softpipe" in self.renderer
+
     @cached_property
     def _egl(self) -> ctypes.CDLL:
         egl = ctypes.CDLL("libEGL.so.1")

@@ -140,3 +140,25 @@ void main() {
     pixel = vec4(mix(bottom, top, smoothstep(0.0, 1.0, height)) + (float(bayer) / 16.0 - 0.5) / 255.0, 1.0);
 }
 """
+
+COVER_VERTEX = """
+#version 430 core
+void main() {
+    gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
+}
+"""
+
+AVERAGE_FRAGMENT = """
+#version 430 core
+uniform sampler2D large;
+uniform int factor;
+out vec4 pixel;
+void main() {
+    ivec2 corner = ivec2(gl_FragCoord.xy) * factor;
+    vec3 sum = vec3(0.0);
+    for (int y = 0; y < factor; ++y)
+        for (int x = 0; x < factor; ++x)
+            sum += texelFetch(large, corner + ivec2(x, y), 0).rgb;
+    pixel = vec4(sum / float(factor * factor), 1.0);
+}
+"""
