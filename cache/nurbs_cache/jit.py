@@ -76,6 +76,7 @@ class DigestLocator(_CacheLocator):  # type: ignore[misc]
 
     def __init__(self, module: str, path: str) -> None:
         self._module = module
+        self._py_file = path  # named by numba in its warnings
         self._digest = source_digest(path)
         self._folder = kernel_cache_base() / self._digest
 

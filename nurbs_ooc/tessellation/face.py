@@ -23,7 +23,7 @@ from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, CellScratch, build_cells
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length
-from nurbs_ooc.tessellation.refine import DONE, FULL, Check, Frame, certify, insert_grids
+from nurbs_ooc.tessellation.refine import DONE, FULL, Check, Frame, certify, insert_grids, worst_bound
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_TRIANGLES,
@@ -46,8 +46,11 @@ BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 
 # Results of ``tessellate_face``.
 READY, NEEDS_SAMPLES = 0, 1
-# Points of one face; a face that wants more keeps the bound it has reached.
+# Points of one face, absolutely and by what its grids and boundary promise; a face that wants more keeps
+# the bound it has reached and says so.
 MAX_POINTS = 1 << 24
+MOST_POINTS = 24.0
+SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 MAX_BLAMES = 256
@@ -165,7 +168,9 @@ def tessellate_face(
         du, dv = check.bounds[LU], check.bounds[LV]
     else:
         du, dv = _metric(c)
-    room = int(min(n + 2.0 * _grid_points(c) + 3.0 * n + 64.0, float(MAX_POINTS)))
+    promised = n + _grid_points(c)
+    room = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
+    most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
         t = new_triangulation(room, du * f.du * LATTICE, dv * f.dv * LATTICE)
         owner = np.full(len(t.points), -1, dtype=np.int64)
@@ -192,11 +197,11 @@ def tessellate_face(
         worst = 0.0
         if code == DONE:
             code, worst = certify(g, p, row, c, f, t, target, check, blame)
-        if code == FULL and room < MAX_POINTS:
-            room = min(2 * room, MAX_POINTS)
+        if code == FULL and room < most:
+            room = min(2 * room, most)
             continue
         if code == FULL:
-            status, reason = DEGRADED, BUDGET_EXHAUSTED
+            status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, check)
         elif code != DONE and not final:
             for m in range(blame[0]):
                 _ask(b, owner, blame[2 * m + 1], blame[2 * m + 2], wanted)

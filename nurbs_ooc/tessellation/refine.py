@@ -3,8 +3,8 @@
 A triangle whose parameter box is a x b deviates by at most (a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8
 from the surface, M taken over that box, plus what creases inside the box add. Triangles are checked
 one by one; one that fails gets a point on its longest free edge, or, where its boundary edge is the
-longest, a point between that edge and the opposite corner. Boundary edges are never split here: they
-belong to two faces.
+longest, a point between that edge and the opposite corner; the flips that follow measure lengths as
+the error does at that place. Boundary edges are never split here: they belong to two faces.
 """
 
 from __future__ import annotations
@@ -104,6 +104,7 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
         nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
         u0, u1, v0, v1 = c.box[node, 0], c.box[node, 1], c.box[node, 2], c.box[node, 3]
         hx, hy = (u1 - u0) / nu / f.du, (v1 - v0) / nv / f.dv
+        t.scale[0], t.scale[1] = 1.0 / hx, 1.0 / hy
         i_low, i_high = (1 if u0 <= root[0] else 0), (nu - 1 if u1 >= root[1] else nu)
         j_low, j_high = (1 if v0 <= root[2] else 0), (nv - 1 if v1 >= root[3] else nv)
         for i in range(i_low, i_high + 1):
@@ -145,6 +146,14 @@ def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
     """The bound of the edge a-b alone, under the second derivatives ``m``."""
     x, y = abs(t.points[a, 0] - t.points[b, 0]) * f.du, abs(t.points[a, 1] - t.points[b, 1]) * f.dv
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
+
+
+@helper
+def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float) -> None:
+    """Let the in-circle test see lengths as the error does here, flat directions as long as the face."""
+    root = c.box[0]
+    t.scale[0] = f.du * max(math.sqrt(m[0] / (8.0 * target)), 1.0 / (root[1] - root[0]))
+    t.scale[1] = f.dv * max(math.sqrt(m[2] / (8.0 * target)), 1.0 / (root[3] - root[2]))
 
 
 @helper
@@ -209,6 +218,7 @@ def certify(
             bound = _bound(g, p, row, c, f, t, k, check)
             if bound > target:
                 before = t.n[N_POINTS]
+                _local_metric(t, c, f, check.second, target)
                 step = _break_up(t, f, k, check.second, target, blame)
                 if step == FULL:
                     return FULL, worst
@@ -216,7 +226,16 @@ def certify(
                     code = LONG_EDGE
                 again = again or t.n[N_POINTS] > before
             k += 1
+    return code, worst_bound(g, p, row, c, f, t, check)
+
+
+@helper
+def worst_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, check: Check
+) -> float:
+    """The largest deviation bound of any inner triangle, mm."""
+    worst = 0.0
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
             worst = max(worst, _bound(g, p, row, c, f, t, k, check))
-    return code, worst
+    return worst
