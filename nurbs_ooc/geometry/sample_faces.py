@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from nurbs_cache.surface_record import SurfaceKind
+from nurbs_ooc.geometry import interpolation
 from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
-from nurbs_ooc.geometry.forms import Array, CurveForm, SurfaceForm, Vector, bspline_basis
+from nurbs_ooc.geometry.forms import Array, CurveForm, SurfaceForm, Vector
 from nurbs_ooc.geometry.natural_boundary import natural_loop
 
 X, Y, Z = np.eye(3)
@@ -91,12 +92,8 @@ def _image(form: SurfaceForm, start: Array, end: Array) -> tuple[CurveForm, floa
     """The segment start..end of the parameter plane in space, and how far off it is at most (sampled)."""
     if form.kind == SurfaceKind.PLANE:
         return CurveForm.line(form.point(*start), form.point(*end)), 0.0
-    t = np.linspace(0.0, 1.0, 33)
-    points = np.array([form.point(*(start + s * (end - start))) for s in t])
-    knots = uniform_knots(33, 3)
-    nodes = np.array([knots[i + 1 : i + 4].mean() for i in range(33)])
-    targets = np.array([form.point(*(start + s * (end - start))) for s in nodes])
-    matrix = np.array([bspline_basis(knots, 3, float(s)) for s in nodes])
-    curve = CurveForm.nurbs(3, knots, np.linalg.solve(matrix, targets))
-    gap = max(float(np.linalg.norm(curve.point(float(s)) - p)) for s, p in zip(t, points, strict=True))
+    nodes = interpolation.nodes(33)
+    curve = interpolation.through(np.array([form.point(*(start + s * (end - start))) for s in nodes]))
+    middles = 0.5 * (nodes[1:] + nodes[:-1])
+    gap = max(float(np.linalg.norm(curve.point(s) - form.point(*(start + s * (end - start))))) for s in middles)
     return curve, gap

@@ -46,6 +46,29 @@ def _unpack(spline: tuple[Array, Array], degree: int) -> tuple[Array, int, Array
     return spline[0], degree, spline[1]
 
 
+def extend(knots: Array, degree: int, points: Array, t0: float, t1: float) -> tuple[Array, Array]:
+    """A clamped spline continued by its own end polynomials until it covers t0..t1."""
+    if t1 > knots[-1]:
+        knots, points = _end_at(knots, degree, points, t1)
+    if t0 < knots[0]:
+        knots, points = _mirror(*_end_at(*_unpack(_mirror(knots, points), degree), -t0))
+    return knots, points
+
+
+def _end_at(knots: Array, degree: int, points: Array, t: float) -> tuple[Array, Array]:
+    """Move the end to ``t`` beyond it: de Casteljau's construction on the last piece, extrapolating."""
+    last = float(knots[-degree - 2])
+    while int(np.count_nonzero(knots == last)) < degree:
+        knots, points = insert_knot(knots, degree, points, last)
+    share = (t - last) / (float(knots[-1]) - last)
+    row, moved = points[-degree - 1 :], []
+    for _ in range(degree):
+        moved.append(row[0])
+        row = (1.0 - share) * row[:-1] + share * row[1:]
+    new = np.concatenate([np.array(moved), row])
+    return np.concatenate([knots[: -degree - 1], np.full(degree + 1, t)]), np.concatenate([points[: -degree - 1], new])
+
+
 def clamp(knots: Array, degree: int, points: Array) -> tuple[Array, Array]:
     """The same spline with knots of multiplicity degree + 1 at both ends of its domain."""
     n = len(points)

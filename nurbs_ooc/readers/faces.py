@@ -13,7 +13,7 @@ from OCP.TopoDS import TopoDS
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, SurfaceKind
 from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
-from nurbs_ooc.geometry.forms import SurfaceForm
+from nurbs_ooc.geometry.forms import Array, CurveForm, SurfaceForm
 from nurbs_ooc.geometry.natural_boundary import natural_loop
 from nurbs_ooc.readers.edges import EdgeTable
 from nurbs_ooc.readers.loops import FaceLoops, Loop, LoopReader, signed_area
@@ -25,6 +25,8 @@ FORWARD = TopAbs_Orientation.TopAbs_FORWARD
 REVERSED = TopAbs_Orientation.TopAbs_REVERSED
 HALF_TURN = 0.5 * np.pi
 X, Y, Z = np.eye(3)
+ENDING_SURFACES = ("Geom_BSplineSurface", "Geom_BezierSurface")
+REACH_SAMPLES = 65
 SURE_SHARE = 1e-3  # of the face's box: a smaller negative area may be rounding, the file's sense is kept
 
 
@@ -110,9 +112,12 @@ def _natural_box(surface: Any) -> Box:
 
 
 def _box_of(loops: list[Loop], surface: Any) -> Box:
-    hulls = [coedge.pcurve.hull() for loop in loops for coedge in loop.coedges]
-    low = np.min([hull[0] for hull in hulls], axis=0)
-    high = np.max([hull[1] for hull in hulls], axis=0)
+    curves = [coedge.pcurve for loop in loops for coedge in loop.coedges]
+    low, high = _union([curve.hull() for curve in curves])
+    if type(surface).__name__ in ENDING_SURFACES:
+        u0, u1, v0, v1 = surface.Bounds()
+        if low[0] < u0 or high[0] > u1 or low[1] < v0 or high[1] > v1:
+            low, high = _union([_reach(curve) for curve in curves])
     if type(surface).__name__ == "Geom_SphericalSurface":
         low[1], high[1] = max(low[1], -HALF_TURN), min(high[1], HALF_TURN)
     if not (low < high).all():
@@ -120,6 +125,22 @@ def _box_of(loops: list[Loop], surface: Any) -> Box:
             FaceReason.ZERO_AREA, f"the loops span {high[0] - low[0]} x {high[1] - low[1]} in (u, v)"
         )
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def _union(boxes: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    low, high = zip(*boxes, strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def _reach(curve: CurveForm) -> tuple[Array, Array]:
+    """A box around a p-curve, tighter than its hull: by samples, widened where they may miss a bulge."""
+    low, high = curve.hull()
+    if curve.degree == 1 and len(curve.points) == 2:
+        return low, high
+    rows = np.array([curve.point(t) for t in np.linspace(curve.t0, curve.t1, REACH_SAMPLES)])
+    sampled_low, sampled_high = rows.min(axis=0), rows.max(axis=0)
+    margin = np.abs(np.diff(rows, n=2, axis=0)).max(axis=0)
+    return np.maximum(low, sampled_low - margin), np.minimum(high, sampled_high + margin)
 
 
 def _oriented(loops: FaceLoops, box: Box) -> list[list[Coedge]]:

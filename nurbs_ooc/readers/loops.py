@@ -26,11 +26,12 @@ from OCP.ShapeFix import ShapeFix_Edge
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopoDS import TopoDS, TopoDS_Iterator
 
-from nurbs_cache.surface_record import CurveKind, FaceReason
+from nurbs_cache.surface_record import FaceReason
 from nurbs_ooc.geometry.builder import Coedge
 from nurbs_ooc.geometry.forms import Array, CurveForm
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.edges import EdgeTable
+from nurbs_ooc.readers.pcurve_fit import EdgeOnSurface, refitted
 from nurbs_ooc.readers.refusal import FaceRefusedError
 
 FORWARD = TopAbs_Orientation.TopAbs_FORWARD
@@ -42,7 +43,6 @@ ROUNDING = 1e-9  # relative: p-curve ends closer than this are equal
 SLIVER_SHARE = 0.2  # of its box: a loop that fills less has its area sampled
 SLIVER_SAMPLES = 65
 POLE_SHARE = 0.02  # of the face's extent in u or v: a jump over a pole, not a gap in the file
-ENDING_SURFACES = ("Geom_BSplineSurface", "Geom_BezierSurface", "Geom_SphericalSurface")
 MIN_TOLERANCE = 1e-7  # mm, the kernel's own confusion distance
 GAP_SLACK = 2.0  # both ends may be off by the tolerance
 
@@ -86,7 +86,7 @@ class LoopReader:
                 surface.VPeriod() if surface.IsVPeriodic() else 0.0,
             ]
         )
-        self._border = _border(surface, self.periods)
+        self._plane = type(surface).__name__ == "Geom_Plane"  # its p-curves are projections already
         self.result = FaceLoops()
         self._tolerance: dict[int, float] = {}
         self._broken: dict[int, tuple[int, bool]] = {}  # by the vertex where the loop enters it
@@ -134,19 +134,15 @@ class LoopReader:
             curve = BRep_Tool.CurveOnSurface_s(edge, self.face, 0.0, 0.0)
         if curve is None:
             raise FaceRefusedError(FaceReason.KERNEL_REFUSED, "an edge cannot be projected to its surface")
-        return self._inside(curve_form(curve, *BRep_Tool.Range_s(edge, self.face)))
-
-    def _inside(self, form: CurveForm) -> CurveForm:
-        """A p-curve that runs a little over the border of a B-spline surface, moved back onto it."""
-        if self._border is None or form.kind != CurveKind.NURBS:
-            return form
-        low, high = self._border
-        points = form.points[:, :2]
-        weights = form.points[:, 2:] if form.rational else 1.0
-        inside = np.clip(points, low * weights, high * weights)
-        if (inside == points).all():
-            return form
-        return replace(form, points=np.concatenate([inside, form.points[:, 2:]], axis=1))
+        over = BRep_Tool.Range_s(edge, self.face)
+        space = BRep_Tool.Curve_s(edge, 0.0, 0.0)
+        if space is not None and not self._plane:
+            pair = EdgeOnSurface(self.surface, space, curve, BRep_Tool.Range_s(edge), over)
+            better = refitted(pair, BRep_Tool.Tolerance_s(edge))
+            if better is not None:
+                self.result.reasons.add(FaceReason.PCURVE_REBUILT)
+                return better
+        return curve_form(curve, *over)
 
     def _extent(self, wires: list[list[Coedge]]) -> Array:
         ends = [end for wire in wires for coedge in wire for end in (coedge.start, coedge.end)]
@@ -253,15 +249,6 @@ class LoopReader:
             return [Coedge(row, CurveForm.line(start, end), pole=one_point)]
         row, backwards = self.table.join(vertex, other)
         return [Coedge(row, CurveForm.line(end, start) if backwards else CurveForm.line(start, end), backwards)]
-
-
-def _border(surface: Any, periods: Array) -> tuple[Array, Array] | None:
-    """Lower and upper limits of (u, v) where the surface ends: at knots and at the poles of a sphere."""
-    if type(surface).__name__ not in ENDING_SURFACES:
-        return None
-    u0, u1, v0, v1 = surface.Bounds()
-    low, high = np.array([u0, v0]), np.array([u1, v1])
-    return np.where(periods > 0.0, -np.inf, low), np.where(periods > 0.0, np.inf, high)
 
 
 def _children(shape: Any, kind: Any) -> Iterator[Any]:

@@ -22,8 +22,9 @@ import numpy as np
 from OCP.Precision import Precision
 
 from nurbs_cache.surface_record import FaceReason
+from nurbs_ooc.geometry import interpolation
 from nurbs_ooc.geometry.builder import Coedge
-from nurbs_ooc.geometry.forms import Array, CurveForm, bspline_basis
+from nurbs_ooc.geometry.forms import Array, CurveForm
 from nurbs_ooc.readers.edges import EdgeTable
 from nurbs_ooc.readers.loops import Loop
 from nurbs_ooc.readers.refusal import FaceRefusedError
@@ -138,11 +139,8 @@ class SeamJoiner:
 
     def _seam(self, start: Array, end: Array, vertices: tuple[int, int]) -> tuple[int, CurveForm]:
         """A new edge along the straight line start..end of the parameter plane, and that line over 0..1."""
-        shares = np.linspace(0.0, 1.0, SAMPLES)
-        knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, SAMPLES - 2), np.ones(3)])
-        nodes = np.array([knots[i + 1 : i + 4].mean() for i in range(SAMPLES)])
-        matrix = np.array([bspline_basis(knots, 3, float(t)) for t in nodes])
-        curve = CurveForm.nurbs(3, knots, np.linalg.solve(matrix, self._points(start, end, nodes)))
+        shares = interpolation.nodes(SAMPLES)
+        curve = interpolation.through(self._points(start, end, shares))
         middles = 0.5 * (shares[1:] + shares[:-1])
         fitted = np.array([curve.point(float(t)) for t in middles])
         gap = float(np.linalg.norm(fitted - self._points(start, end, middles), axis=1).max())

@@ -20,13 +20,14 @@ import numpy as np
 from nurbs_cache.surface_record import FaceReason, FaceStatus, SurfaceKind
 from nurbs_ooc.geometry.forms import Array, SurfaceForm, homogeneous
 from nurbs_ooc.readers import kernel_arrays
-from nurbs_ooc.readers.clamping import clamp, unroll
+from nurbs_ooc.readers.clamping import clamp, extend, unroll
 from nurbs_ooc.readers.curves import curve_form
 from nurbs_ooc.readers.offsets import approximated_offset
 from nurbs_ooc.readers.refusal import FaceRefusedError, require_finite, require_knots, require_weights
 
 Box = tuple[float, float, float, float]
-TURN = 2.0 * np.pi
+BORDER_ROUNDING = 1e-9  # of the domain: p-curves that run less over the border run along it
+BORDER_SHARE = 0.1  # of the domain: how far a spline is continued at most
 
 
 @dataclass(frozen=True)
@@ -125,9 +126,9 @@ def _poles(surface: Any) -> tuple[Array, bool]:
 
 def _bezier(surface: Any, box: Box) -> SurfaceForm:
     points, rational = _poles(surface)
-    degrees = points.shape[0] - 1, points.shape[1] - 1
-    knots_u, knots_v = (np.repeat([0.0, 1.0], degree + 1) for degree in degrees)
-    return SurfaceForm(SurfaceKind.NURBS, np.empty(0), *box, *degrees, knots_u, knots_v, points, rational)
+    degrees = (points.shape[0] - 1, points.shape[1] - 1)
+    knots = [np.repeat([0.0, 1.0], degree + 1) for degree in degrees]
+    return _covering(points, rational, degrees, knots, (0.0, 0.0), box)
 
 
 def _bspline(surface: Any, box: Box) -> SurfaceForm:
@@ -140,7 +141,7 @@ def _bspline(surface: Any, box: Box) -> SurfaceForm:
         surface.SetUNotPeriodic()
         surface.SetVNotPeriodic()
     points, rational = _poles(surface)
-    degrees = surface.UDegree(), surface.VDegree()
+    degrees = (surface.UDegree(), surface.VDegree())
     knots = [kernel_arrays.numbers(surface.UKnotSequence()), kernel_arrays.numbers(surface.VKnotSequence())]
     for axis in range(2):
         require_knots(knots[axis], degrees[axis], points.shape[axis])
@@ -150,18 +151,35 @@ def _bspline(surface: Any, box: Box) -> SurfaceForm:
             knots[axis], rows = unroll(knots[axis], degrees[axis], rows, box[2 * axis], box[2 * axis + 1])
             periods[axis] = periods[axis] if np.ptp(knots[axis]) >= periods[axis] * (1.0 - 1e-9) else 0.0
         points = rows if axis == 0 else rows.swapaxes(0, 1)
-    domain = _inside(box, knots[0], knots[1])
-    empty = np.empty(0)
+    return _covering(points, rational, degrees, knots, (periods[0], periods[1]), box)
+
+
+def _covering(
+    points: Array,
+    rational: bool,
+    degrees: tuple[int, int],
+    knots: list[Array],
+    periods: tuple[float, float],
+    box: Box,
+) -> SurfaceForm:
+    """The spline, continued a little where the loops run over its border."""
+    for axis in range(2):
+        low, high = float(knots[axis][0]), float(knots[axis][-1])
+        slack, most = BORDER_ROUNDING * (high - low), BORDER_SHARE * (high - low)
+        t0, t1 = box[2 * axis], box[2 * axis + 1]
+        t0 = low if t0 >= low - slack else max(t0, low - most)
+        t1 = high if t1 <= high + slack else min(t1, high + most)
+        rows = points if axis == 0 else points.swapaxes(0, 1)
+        knots[axis], rows = extend(knots[axis], degrees[axis], rows, t0, t1)
+        points = rows if axis == 0 else rows.swapaxes(0, 1)
+    if rational:
+        require_weights(points[..., 3])
+    u0, u1 = np.clip(box[:2], knots[0][0], knots[0][-1])
+    v0, v1 = np.clip(box[2:], knots[1][0], knots[1][-1])
+    domain = (float(u0), float(u1), float(v0), float(v1))
     return SurfaceForm(
-        SurfaceKind.NURBS, empty, *domain, *degrees, knots[0], knots[1], points, rational, None, periods[0], periods[1]
+        SurfaceKind.NURBS, np.empty(0), *domain, *degrees, knots[0], knots[1], points, rational, None, *periods
     )
-
-
-def _inside(box: Box, knots_u: Array, knots_v: Array) -> Box:
-    """Keep the used domain inside the knots: p-curves may run a little over the border."""
-    u0, u1 = np.clip(box[:2], knots_u[0], knots_u[-1])
-    v0, v1 = np.clip(box[2:], knots_v[0], knots_v[-1])
-    return float(u0), float(u1), float(v0), float(v1)
 
 
 def _offset(surface: Any, box: Box) -> SurfaceReading:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from nurbs_ooc.readers.clamping import clamp, cut, insert_knot, unroll, used_spans
+from nurbs_ooc.readers.clamping import clamp, cut, extend, insert_knot, unroll, used_spans
 
 KNOTS = np.array([0, 0, 0, 0, 0.4, 1.0, 1.0, 1.7, 2.5, 2.5, 2.5, 2.5])
 POINTS = np.random.default_rng(0).normal(size=(8, 3))
@@ -51,6 +51,14 @@ def test_closed_curve_goes_on_over_its_origin(low: float, high: float) -> None:
     assert knots[-1] >= high
     s = np.linspace(low, high, 80)[1:-1]
     np.testing.assert_allclose(at(knots, points, s), at(KNOTS, ring, np.mod(s, 2.5)), atol=1e-12)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.2, 2.5), (0.0, 2.8), (-0.3, 2.9)])
+def test_extended_curve_follows_its_end_polynomials(low: float, high: float) -> None:
+    knots, points = extend(KNOTS, 3, POINTS, low, high)
+    assert (knots[0], knots[-1]) == (low, high)
+    s = np.linspace(low, high, 70)[:-1]
+    np.testing.assert_allclose(at(knots, points, s), BSpline(KNOTS, POINTS, 3, extrapolate=True)(s), atol=1e-11)
 
 
 def test_used_spans_reach_to_the_next_knots() -> None:

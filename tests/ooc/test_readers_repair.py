@@ -16,9 +16,10 @@ from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_Transform,
 )
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeTorus
-from OCP.collections import Array1_gp_Pnt
+from OCP.collections import Array1_gp_Pnt, Array1_gp_Pnt2d
 from OCP.Geom import Geom_BezierCurve, Geom_CylindricalSurface, Geom_Plane, Geom_SphericalSurface
-from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Dir, gp_Pln, gp_Pnt, gp_Trsf
+from OCP.Geom2d import Geom2d_BezierCurve
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Dir, gp_Pln, gp_Pnt, gp_Pnt2d, gp_Trsf
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
@@ -26,6 +27,7 @@ from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Wire
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.readers.part_geometry import part_geometry
+from nurbs_ooc.readers.pcurve_fit import EdgeOnSurface, refitted
 from tests.ooc.native_forms import edge_gap, loop_jump, signed_volume
 
 
@@ -172,6 +174,21 @@ def test_curve_that_misses_one_vertex_is_bridged() -> None:
     assert len(batch.coedges) == 5
     assert loop_jump(batch, 0) < 1e-9
     assert edge_gap(batch, 0) <= 1.0
+
+
+def test_pcurve_at_another_pace_is_made_anew() -> None:
+    cylinder = Geom_CylindricalSurface(gp_Ax3(), 3.0)
+    height = 2.0
+    slow = Array1_gp_Pnt2d(1, 3)
+    for i, u in enumerate((0.0, 0.4, 2.0)):  # a parabola in t: the same line, run through unevenly
+        slow.SetValue(i + 1, gp_Pnt2d(u, height))
+    edge = BRepBuilderAPI_MakeEdge(gp_Circ(gp_Ax2(gp_Pnt(0, 0, height), gp_Dir(0, 0, 1)), 3.0), 0.0, 2.0).Edge()
+    pair = EdgeOnSurface(cylinder, BRep_Tool.Curve_s(edge, 0.0, 0.0), Geom2d_BezierCurve(slow), (0.0, 2.0), (0.0, 1.0))
+    assert pair.gap() > 0.5
+    form = refitted(pair, 1e-7)
+    assert form is not None
+    for share in np.linspace(0.0, 1.0, 50):
+        np.testing.assert_allclose(form.point(share), [2.0 * share, height], atol=1e-5)
 
 
 def test_located_and_mirrored_shapes_keep_outward_normals() -> None:

@@ -314,6 +314,10 @@ REAL = [
 ]
 
 
+# The kernel's own p-curves of these are off by 0.5 mm and 0.2 um, and are made anew.
+REBUILT = ("edge/ap214_vertex_loop_spline_pole.stp", "edge/ap214_wavy_periodic_band.stp")
+
+
 @pytest.mark.data
 @pytest.mark.parametrize(("name", "placed", "stored", "occurrences"), REAL)
 def test_real_files_come_out_whole(
@@ -325,7 +329,8 @@ def test_real_files_come_out_whole(
     assert len(reader.occurrences) == occurrences
     assert sum(sizes[o["part"]] for o in reader.occurrences) == placed
     for part in parts:
-        assert (part.geometry.surfaces["status"] == FaceStatus.EXACT).all(), part.geometry.sources
+        allowed = FaceStatus.HEALED if name in REBUILT else FaceStatus.EXACT
+        assert (part.geometry.surfaces["status"] <= allowed).all(), part.geometry.sources
         for row in range(len(part.geometry)):
             assert loop_jump(part.geometry, row) < 0.02
 
