@@ -197,10 +197,11 @@ def mesh_ours(parts: list[GeometryBatch], deflection: float) -> list[Any]:
 
 
 def first_call(model: Path, share: float) -> dict[str, float]:
-    """Seconds that a fresh process takes from importing the tessellator to its first mesh; kernels are compiled already."""
+    """Seconds of a fresh process from importing the tessellator to its first mesh, with kernels compiled before."""
     code = (
         "import sys, time; from pathlib import Path; from nurbs_cache.surface_record import GeometryBatch\n"
-        "g = GeometryBatch.from_bytes(Path(sys.argv[1]).read_bytes()); a, b = time.perf_counter(), time.process_time()\n"
+        "g = GeometryBatch.from_bytes(Path(sys.argv[1]).read_bytes())\n"
+        "a, b = time.perf_counter(), time.process_time()\n"
         "from nurbs_ooc.tessellation.tessellate import tessellate\n"
         "tessellate(g, float(sys.argv[2])); print(time.perf_counter() - a, time.process_time() - b)"
     )
