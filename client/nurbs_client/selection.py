@@ -44,7 +44,7 @@ class Residency(NamedTuple):
 
     node: Bytes  # (n_nodes,) RESIDENT, BROKEN where the tile cannot be had, else 0
     lod_mask: Longs  # (n_surfaces,) bit level + LEVEL_BIAS set where that LOD is resident
-    own_mm_per_px: Floats  # (n_items,) lower bound measured on a surface's own geometry, 0 if unknown
+    own_mm_per_px: Floats  # (n_items,) lower bound from a surface's own geometry; 0 if unknown, inf if not visible
 
 
 class _Work(NamedTuple):
@@ -113,9 +113,11 @@ class Selection:
 @helper
 def level_below(error: float, scale: float) -> int:
     """Coarsest ladder level whose budget, stretched by ``scale``, is at most ``error`` mm."""
-    if not error > 0.0:
+    if not error > math.ldexp(scale, MIN_LEVEL):
         return MIN_LEVEL
-    return int(max(min(math.floor(math.log2(error / scale)), MAX_LEVEL), MIN_LEVEL))
+    if error >= math.ldexp(scale, MAX_LEVEL):  # infinite where nothing can be seen
+        return MAX_LEVEL
+    return int(math.floor(math.log2(error / scale)))
 
 
 @helper
@@ -199,6 +201,10 @@ def _check(nodes: NodeArrays, items: ItemArrays, view: View, residency: Residenc
                 continue
             mm_per_px = box_mm_per_px(view, items.aabb_min[item], items.aabb_max[item])
             work.item_mm_per_px[item] = max(mm_per_px, residency.own_mm_per_px[item])
+            if residency.own_mm_per_px[item] == math.inf:  # its box is in the image, it is not
+                work.item_mm_per_px[item] = -1.0
+                culled += 1
+                continue
             coarsest = coarsest_level(items, item, nodes.level[row])
             if pick_level(residency.lod_mask[items.surface[item]], coarsest) > coarsest:
                 ready = False

@@ -154,6 +154,17 @@ def test_viewer_inside_a_surface_box(tmp_path: Path, world_of: Any, transport_of
     assert report["triangles"] < 100_000
 
 
+def test_surface_beside_the_image_is_not_refined(tmp_path: Path, world_of: Any, transport_of: Any) -> None:
+    """The sphere's box fills the view, the sphere itself is behind the viewer."""
+    world = world_of(np.array([[0.0, 0, 0], [2000.0, 0, 0]]), np.array([100.0, 100.0]))
+    path = CameraPath.model_validate([{"eye": [80, 80, 80], "target": [200, 200, 200], "fov": 40}])
+    flight = Flight(transport_of(world), tmp_path, FlightSettings(size=SIZE, samples=1))
+    report = flight.fly(path, np.zeros(1), [0])
+    assert report["complete_frames"] == 1
+    assert report["surfaces_drawn"] == report["triangles"] == 0
+    assert min(level for surface, level in world.lods) >= int(world.nodes["level"].min()) - 1
+
+
 def test_own_distance_of_a_wall() -> None:
     camera = Camera(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 60.0, 800, 600, 1e-4)
     wall = np.array([[50, -500, -500], [50, 500, -500], [50, 500, 500], [50, -500, 500], [-60, 3, 0]], np.float32)
