@@ -25,6 +25,9 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
+# Files end a face's domain a few units of roundoff beyond a knot: a cut span this thin, relative to the
+# domain, is left to its neighbour. Its own bounds would be differences of roundoff.
+SLIVER = 1e-9
 # Columns of ``Pieces.index``.
 FIRST, N_U, N_V, BREAK_U, BREAK_V, NET = 0, 1, 2, 3, 4, 5
 
@@ -47,6 +50,16 @@ def piece_net(g: Tables, p: Pieces, row: int, piece: int) -> Floats:
     return p.nets[at : at + size]
 
 
+@helper
+def _overlaps(a: float, b: float, low: float, high: float) -> bool:
+    """Whether the span [a, b] has a part in the domain that is more than a domain end beside a knot."""
+    if not a < b:
+        return False
+    if a >= low and b <= high:
+        return True
+    return min(b, high) - max(a, low) > SLIVER * (high - low)
+
+
 @kernel
 def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
     """Pieces per direction of each surface."""
@@ -57,12 +70,10 @@ def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
         if s.kind != NURBS or s.status == 3:
             continue
         for i in range(s.degree_u, s.n_u):
-            a, b = g.values[s.knots_u + i], g.values[s.knots_u + i + 1]
-            if a < b and b > s.u0 and a < s.u1:
+            if _overlaps(g.values[s.knots_u + i], g.values[s.knots_u + i + 1], s.u0, s.u1):
                 n_u[row] += 1
         for i in range(s.degree_v, s.n_v):
-            a, b = g.values[s.knots_v + i], g.values[s.knots_v + i + 1]
-            if a < b and b > s.v0 and a < s.v1:
+            if _overlaps(g.values[s.knots_v + i], g.values[s.knots_v + i + 1], s.v0, s.v1):
                 n_v[row] += 1
 
 
@@ -74,7 +85,7 @@ def _list_spans(
     at = 0
     for i in range(degree, n):
         a, b = g.values[knots + i], g.values[knots + i + 1]
-        if a < b and b > low and a < high:
+        if _overlaps(a, b, low, high):
             breaks[at, 0] = max(a, low)
             breaks[at + 1, 0] = min(b, high)
             spans[at] = i

@@ -193,7 +193,7 @@ def tessellate_face(
         if flat:
             return READY, b, t, point, f, 0.0, extra, status, reason
         blame = np.zeros(2 * MAX_BLAMES + 1, dtype=np.int64)
-        code = insert_grids(t, c, f)
+        code = insert_grids(t, c, f) if promised < MAX_POINTS else DONE
         worst = 0.0
         if code == DONE:
             code, worst = certify(g, p, row, c, f, t, target, check, blame)
