@@ -114,6 +114,8 @@ class Flight:
         near = max(self.scene.diagonal * NEAR_PER_DIAGONAL, 1e-9)
         viewer.rehearse(path.camera(float(times[0]), self.settings.size, near), target)
         self.seconds["prepare"] = time.perf_counter() - self._start - self.seconds["open"]
+        viewer.load_roots()
+        self.seconds["roots"] = time.perf_counter() - self._start - sum(self.seconds.values())
         pending: list[Future[None]] = []
         with ThreadPoolExecutor(1, thread_name_prefix="png") as writer:
             for at, number in zip(times.tolist(), numbers, strict=True):

@@ -12,7 +12,6 @@ octaves, so that the order is a counting sort and small changes do not shuffle t
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper, kernel
 from nurbs_client.residency import ResidencyTable, TileKey
 from nurbs_client.scene import Floats, Ints, NodeArrays, Scene
-from nurbs_client.screen_error import View, allowed_error
+from nurbs_client.screen_error import View, allowed_error, box_distance
 from nurbs_client.selection import Selection
 
 BINS_PER_OCTAVE = 2
@@ -90,20 +89,10 @@ def _ordered(requests: list[Request], table: ResidencyTable) -> list[Request]:
 
 
 @helper
-def _nearest(view: View, low: Floats, high: Floats) -> float:
-    """Distance from the eye to a box, mm; at least the near plane's."""
-    total = 0.0
-    for axis in range(3):
-        gap = max(low[axis] - view.eye[axis], view.eye[axis] - high[axis], 0.0)
-        total += gap * gap
-    return max(math.sqrt(total), view.near)
-
-
-@helper
 def _urgency(nodes: NodeArrays, view: View, target_px: float, row: int) -> float:
     """eps_node / eps_desired by distance alone."""
-    mm_per_px = _nearest(view, nodes.aabb_min[row], nodes.aabb_max[row]) / view.focal_px
-    return float(max(nodes.error[row], 1e-300)) / allowed_error(mm_per_px, target_px, view.focal_px)
+    distance = max(box_distance(view, nodes.aabb_min[row], nodes.aabb_max[row]), view.near)
+    return float(max(nodes.error[row], 1e-300)) / allowed_error(distance / view.focal_px, target_px, view.focal_px)
 
 
 @kernel

@@ -15,7 +15,9 @@ Over a box the worst point counts, the least g = z cos(theta) / f:
 * Where the whole box is within tan(theta) <= 1 / sqrt(2) of the axis, g is quasi-concave (the set
   rho <= z sqrt(z^2 / s^2 - 1) is convex up to that cone), so the least value is at a corner.
 * Otherwise z at the nearest corner times cos(theta) at the outermost corner is a lower bound. Only
-  what is visible counts: theta is at most that of the image's corner, z at least the near plane.
+  what is visible counts: theta is at most that of the image's corner, z at least the near plane's, and
+  at least the distance of the box times the cosine of the image's corner (a box that crosses the eye's
+  plane far to the side is not near).
 
 A displacement is not infinitely small. |grad g| <= 2 / (sqrt(3) f) everywhere, so along a path of
 length eps g shrinks by at most that much, and eps <= tau g / (1 + 2 tau / (sqrt(3) f)) is safe.
@@ -63,6 +65,16 @@ def box_is_outside(view: View, low: npt.NDArray[np.float64], high: npt.NDArray[n
 
 
 @helper
+def box_distance(view: View, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> float:
+    """Distance from the eye to a box, mm; 0 inside."""
+    total = 0.0
+    for axis in range(3):
+        gap = max(low[axis] - view.eye[axis], view.eye[axis] - high[axis], 0.0)
+        total += gap * gap
+    return math.sqrt(total)
+
+
+@helper
 def box_mm_per_px(view: View, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> float:
     """Least g = z^2 / (f d) over the visible part of a box, mm per pixel (see the module)."""
     nearest = math.inf
@@ -82,7 +94,8 @@ def box_mm_per_px(view: View, low: npt.NDArray[np.float64], high: npt.NDArray[np
             cosine = 0.0
     if nearest > view.near and cosine >= CONVEX_COS:
         return least / view.focal_px
-    return max(nearest, view.near) * max(cosine, view.cos_corner) / view.focal_px
+    depth = max(nearest, view.near, box_distance(view, low, high) * view.cos_corner)
+    return depth * max(cosine, view.cos_corner) / view.focal_px
 
 
 @helper

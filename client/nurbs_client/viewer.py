@@ -17,7 +17,7 @@ import numpy.typing as npt
 from nurbs_client.camera import Camera
 from nurbs_client.loader import Loader
 from nurbs_client.own_distance import own_mm_per_px
-from nurbs_client.prefetch import Request, prefetch_requests, visible_requests, wanted_keys
+from nurbs_client.prefetch import MAX_BIN, Request, prefetch_requests, visible_requests, wanted_keys
 from nurbs_client.renderer.frame_target import FrameTarget
 from nurbs_client.renderer.renderer import DrawList, Renderer
 from nurbs_client.residency import BudgetGovernor, ResidencyTable, TileKey, TileState, drawn_lods, nearby_tiles
@@ -94,13 +94,22 @@ class Viewer:
         """The error target in use, pixels: more than asked for while the memory is too small."""
         return self.governor.effective_px
 
+    def load_roots(self) -> None:
+        """Wait for the roots' tiles: from then on there is always something to draw."""
+        keys = [TileKey.of_node(row) for row in self.scene.roots.tolist()]
+        self._queue([Request(MAX_BIN, key) for key in keys if self.table.want(key)])
+        while any(self.table.state(key) == TileState.WANTED for key in keys):
+            self.loader.wait(0.25)
+            self._collect()
+
     def step(self, camera: Camera) -> bool:
         """One round; True if the selection is as good as it will get with nothing more under way."""
         self.frame += 1
         self._collect()
         chosen = self._select(camera)
         self._request(camera, chosen)
-        self.table.keep(nearby_tiles(self.scene, chosen), self.frame - 0.5)
+        roots = {TileKey.of_node(row) for row in self.scene.roots.tolist()}
+        self.table.keep(nearby_tiles(self.scene, chosen) | roots, self.frame - 0.5)
         self.table.keep(self._drawn_keys(chosen), self.frame)
         self.table.shrink(self.frame)
         self.selection = chosen

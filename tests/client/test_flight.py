@@ -90,6 +90,8 @@ def test_streaming_never_waits_and_gets_better(tmp_path: Path, grid_world: Any, 
     assert report["mode"] == "stream"
     errors = [row.screen_error_px_max for row in flight.rows]
     assert errors[0] > 0.5
+    assert flight.rows[0].holes == 0
+    assert flight.rows[0].nodes_drawn >= 1, "the roots are there before the first frame"
     assert errors == sorted(errors, reverse=True)
 
 

@@ -106,5 +106,14 @@ def test_viewer_inside_a_box_gets_the_near_plane() -> None:
     assert value == pytest.approx(0.5 * camera.view.cos_corner / camera.focal_px)
 
 
+def test_box_beside_the_eye_is_not_at_it() -> None:
+    """It crosses the eye's plane and both side planes, so culling keeps it, but nothing of it is near."""
+    camera = Camera(np.zeros(3), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), 60.0, 800, 600, near=1e-6)
+    low, high = np.array([[-400.0, -50, 300]]), np.array([[400.0, 800, 310]])
+    value = boxes_mm_per_px(camera.view, low, high)[0]
+    assert math.isfinite(value)
+    assert value >= 300 * camera.view.cos_corner**2 / camera.focal_px
+
+
 def test_errors_as_large_as_the_distance_have_no_bound() -> None:
     assert screen_error_px(np.ones(2), np.array([1e6, 0.0]), 500.0).tolist() == [math.inf, 0.0]
