@@ -96,7 +96,7 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Flo
         _conic_bounds(g, row, a, b, out)
         return
     net = work[1]
-    dim = curve_net(g, row, a, b, work[0], net)
+    curve_net(g, row, a, b, work[0], net)
     n = int(c.dim)
     h = b - a
     p = c.degree

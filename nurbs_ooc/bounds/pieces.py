@@ -28,14 +28,14 @@ Ints = npt.NDArray[np.int64]
 # Files end a face's domain a few units of roundoff beyond a knot: a cut span this thin, relative to the
 # domain, is left to its neighbour. Its own bounds would be differences of roundoff.
 SLIVER = 1e-9
-# Columns of ``Pieces.index``.
+# Columns of ``Pieces.table``.
 FIRST, N_U, N_V, BREAK_U, BREAK_V, NET = 0, 1, 2, 3, 4, 5
 
 
 class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
-    index: Ints  # (n_surfaces, 6): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks and nets
+    table: Ints  # (n_surfaces, 6): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks and nets
     breaks: Floats  # (n, 2): value; jump of the first derivative across it, 0 where smooth and at the ends
     nets: Floats  # flat nets, piece after piece
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
@@ -46,7 +46,7 @@ def piece_net(g: Tables, p: Pieces, row: int, piece: int) -> Floats:
     """The flat net (degree_u + 1, degree_v + 1, 3 or 4) of a piece."""
     s = g.surfaces[row]
     size = (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3)
-    at = p.index[row, NET] + (piece - p.index[row, FIRST]) * size
+    at = p.table[row, NET] + (piece - p.table[row, FIRST]) * size
     return p.nets[at : at + size]
 
 
@@ -120,14 +120,16 @@ def _piece_net(g: Tables, row: int, span_u: int, span_v: int, box: Floats, work:
 
 
 @helper
-def _end_slope(p: Pieces, g: Tables, row: int, piece: int, along_u: bool, at_end: bool, other: int, h: float, out: Floats) -> None:
+def _end_slope(
+    p: Pieces, g: Tables, row: int, piece: int, along_u: bool, at_end: bool, other: int, h: float, out: Floats
+) -> None:
     """Derivative control vector (affine) of a net's end row across a break; ``other`` runs along it."""
     s = g.surfaces[row]
     dim = 4 if s.rational else 3
     degree = s.degree_u if along_u else s.degree_v
     step = (s.degree_v + 1) * dim if along_u else dim
-    base = p.index[row, NET] + (piece - p.index[row, FIRST]) * (s.degree_u + 1) * (s.degree_v + 1) * dim
-    base += (other * dim if along_u else other * (s.degree_v + 1) * dim)
+    base = p.table[row, NET] + (piece - p.table[row, FIRST]) * (s.degree_u + 1) * (s.degree_v + 1) * dim
+    base += other * dim if along_u else other * (s.degree_v + 1) * dim
     near = base + (degree * step if at_end else 0)
     far = base + ((degree - 1) * step if at_end else step)
     sign = 1.0 if at_end else -1.0
@@ -146,15 +148,15 @@ def _crease(p: Pieces, g: Tables, row: int, along_u: bool, i: int) -> float:
     left = np.empty(3)
     right = np.empty(3)
     degree = s.degree_v if along_u else s.degree_u
-    count = p.index[row, N_V] if along_u else p.index[row, N_U]
-    at = p.index[row, BREAK_U] if along_u else p.index[row, BREAK_V]
+    count = p.table[row, N_V] if along_u else p.table[row, N_U]
+    at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
     h0 = p.breaks[at + i, 0] - p.breaks[at + i - 1, 0]
     h1 = p.breaks[at + i + 1, 0] - p.breaks[at + i, 0]
     worst = 0.0
     scale = 0.0
     for j in range(count):
-        a = p.index[row, FIRST] + ((i - 1) * p.index[row, N_V] + j if along_u else j * p.index[row, N_V] + i - 1)
-        b = p.index[row, FIRST] + (i * p.index[row, N_V] + j if along_u else j * p.index[row, N_V] + i)
+        a = p.table[row, FIRST] + ((i - 1) * p.table[row, N_V] + j if along_u else j * p.table[row, N_V] + i - 1)
+        b = p.table[row, FIRST] + (i * p.table[row, N_V] + j if along_u else j * p.table[row, N_V] + i)
         for k in range(degree + 1):
             _end_slope(p, g, row, a, along_u, True, k, h0, left)
             _end_slope(p, g, row, b, along_u, False, k, h1, right)
@@ -187,32 +189,32 @@ def _fill(g: Tables, p: Pieces) -> None:
     work = np.empty((2, MAX_DEGREE + 2, 4))
     box = np.empty(4)
     for row in range(len(g.surfaces)):
-        if p.index[row, N_U] == 0 or p.index[row, N_V] == 0:
+        if p.table[row, N_U] == 0 or p.table[row, N_V] == 0:
             continue
         s = g.surfaces[row]
-        if p.index[row, N_U] > len(spans_u):
-            spans_u = np.empty(2 * p.index[row, N_U], dtype=np.int64)
-        if p.index[row, N_V] > len(spans_v):
-            spans_v = np.empty(2 * p.index[row, N_V], dtype=np.int64)
-        breaks_u = p.breaks[p.index[row, BREAK_U] : p.index[row, BREAK_U] + p.index[row, N_U] + 1]
-        breaks_v = p.breaks[p.index[row, BREAK_V] : p.index[row, BREAK_V] + p.index[row, N_V] + 1]
+        if p.table[row, N_U] > len(spans_u):
+            spans_u = np.empty(2 * p.table[row, N_U], dtype=np.int64)
+        if p.table[row, N_V] > len(spans_v):
+            spans_v = np.empty(2 * p.table[row, N_V], dtype=np.int64)
+        breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + p.table[row, N_U] + 1]
+        breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + p.table[row, N_V] + 1]
         _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans_u)
         _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans_v)
         dim = 4 if s.rational else 3
-        for i in range(p.index[row, N_U]):
-            for j in range(p.index[row, N_V]):
-                piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
+        for i in range(p.table[row, N_U]):
+            for j in range(p.table[row, N_V]):
+                piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
                 box[0], box[1] = breaks_u[i, 0], breaks_u[i + 1, 0]
                 box[2], box[3] = breaks_v[j, 0], breaks_v[j + 1, 0]
                 net = piece_net(g, p, row, piece)
                 _piece_net(g, row, spans_u[i], spans_v[j], box, work, net)
                 net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], p.bounds[piece])
-        for i in range(1, p.index[row, N_U]):
+        for i in range(1, p.table[row, N_U]):
             if _multiple(g, s.knots_u, s.n_u, s.degree_u, breaks_u[i, 0]):
-                p.breaks[p.index[row, BREAK_U] + i, 1] = _crease(p, g, row, True, i)
-        for j in range(1, p.index[row, N_V]):
+                p.breaks[p.table[row, BREAK_U] + i, 1] = _crease(p, g, row, True, i)
+        for j in range(1, p.table[row, N_V]):
             if _multiple(g, s.knots_v, s.n_v, s.degree_v, breaks_v[j, 0]):
-                p.breaks[p.index[row, BREAK_V] + j, 1] = _crease(p, g, row, False, j)
+                p.breaks[p.table[row, BREAK_V] + j, 1] = _crease(p, g, row, False, j)
 
 
 def bezier_pieces(g: Tables) -> Pieces:
@@ -229,8 +231,8 @@ def bezier_pieces(g: Tables) -> Pieces:
     _count(g, n_u, n_v)
     s = g.surfaces
     size = (s["degree_u"].astype(np.int64) + 1) * (s["degree_v"] + 1) * np.where(s["rational"] != 0, 4, 3)
-    index = np.zeros((n, 6), np.int64)
-    index[:, N_U], index[:, N_V] = n_u, n_v
+    table = np.zeros((n, 6), np.int64)
+    table[:, N_U], table[:, N_V] = n_u, n_v
     totals = []
     for column, counts in (
         (FIRST, n_u * n_v),
@@ -238,10 +240,10 @@ def bezier_pieces(g: Tables) -> Pieces:
         (NET, n_u * n_v * size),
     ):
         ends = np.cumsum(counts)
-        index[:, column] = ends - counts
+        table[:, column] = ends - counts
         totals.append(int(ends[-1]) if n else 0)
-    index[:, BREAK_V] = index[:, BREAK_U] + n_u + 1
-    pieces = Pieces(index, np.zeros((totals[1], 2)), np.zeros(totals[2]), np.zeros((totals[0], 5)))
+    table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
+    pieces = Pieces(table, np.zeros((totals[1], 2)), np.zeros(totals[2]), np.zeros((totals[0], 5)))
     _fill(g, pieces)
     return pieces
 
@@ -270,13 +272,13 @@ def box_bounds(
         return
     for k in range(5):
         out[k] = 0.0
-    i0 = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], u0)
-    j0 = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], v0)
+    i0 = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
+    j0 = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
     i = i0
-    while i < p.index[row, N_U] and (i == i0 or p.breaks[p.index[row, BREAK_U] + i, 0] < u1):
+    while i < p.table[row, N_U] and (i == i0 or p.breaks[p.table[row, BREAK_U] + i, 0] < u1):
         j = j0
-        while j < p.index[row, N_V] and (j == j0 or p.breaks[p.index[row, BREAK_V] + j, 0] < v1):
-            piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
+        while j < p.table[row, N_V] and (j == j0 or p.breaks[p.table[row, BREAK_V] + j, 0] < v1):
+            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             for k in range(5):
                 out[k] = max(out[k], p.bounds[piece, k])
             j += 1
@@ -292,10 +294,10 @@ def crease_charge(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: floa
     """
     charge = 0.0
     for direction in range(2):
-        n = p.index[row, N_U] if direction == 0 else p.index[row, N_V]
+        n = p.table[row, N_U] if direction == 0 else p.table[row, N_V]
         if n < 2:
             continue
-        at = p.index[row, BREAK_U] if direction == 0 else p.index[row, BREAK_V]
+        at = p.table[row, BREAK_U] if direction == 0 else p.table[row, BREAK_V]
         low = u0 if direction == 0 else v0
         high = u1 if direction == 0 else v1
         i = find_break(p, at, n, low) + 1

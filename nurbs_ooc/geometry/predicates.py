@@ -21,7 +21,7 @@ IN_CIRCLE_MARGIN = 1e-12
 
 @helper
 def orient(points: Ints, a: int, b: int, c: int) -> int:
-    """Twice the signed area of the triangle of rows a, b, c of ``points`` (x, y, ...); positive if counter-clockwise."""
+    """Twice the signed area of the triangle of rows a, b, c of ``points``; positive if counter-clockwise."""
     x, y = points[a, 0], points[a, 1]
     return (points[b, 0] - x) * (points[c, 1] - y) - (points[b, 1] - y) * (points[c, 0] - x)
 

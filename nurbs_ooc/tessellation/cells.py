@@ -103,12 +103,12 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
     s = g.surfaces[row]
     single = True
     if s.kind == NURBS:
-        i = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], box[0])
-        j = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], box[2])
-        at_u, at_v = p.index[row, BREAK_U] + i, p.index[row, BREAK_V] + j
+        i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
+        j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], box[2])
+        at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
         single = box[1] <= p.breaks[at_u + 1, 0] and box[3] <= p.breaks[at_v + 1, 0]
         if single:
-            piece = p.index[row, FIRST] + i * p.index[row, N_V] + j
+            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             a, b = p.breaks[at_u, 0], p.breaks[at_u + 1, 0]
             scratch.sub[0] = max((box[0] - a) / (b - a), 0.0)
             scratch.sub[1] = min((box[1] - a) / (b - a), 1.0)
@@ -119,9 +119,7 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
             net = piece_net(g, p, row, piece)
             if scratch.sub[0] > 0.0 or scratch.sub[1] < 1.0 or scratch.sub[2] > 0.0 or scratch.sub[3] < 1.0:
                 restrict_net(net, s.degree_u, s.degree_v, dim, scratch.sub, scratch.net, scratch.line)
-                net_bounds(
-                    scratch.net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], scratch.bounds
-                )
+                net_bounds(scratch.net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], scratch.bounds)
             else:
                 for k in range(5):
                     scratch.bounds[k] = p.bounds[piece, k]
@@ -139,8 +137,8 @@ def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     middle = 0.5 * (low + high)
     if g.surfaces[row].kind != NURBS:
         return middle
-    at = p.index[row, BREAK_U] if along_u else p.index[row, BREAK_V]
-    n = p.index[row, N_U] if along_u else p.index[row, N_V]
+    at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
+    n = p.table[row, N_U] if along_u else p.table[row, N_V]
     i = find_break(p, at, n, middle)
     below, above = p.breaks[at + i, 0], p.breaks[at + i + 1, 0]
     best = middle
@@ -172,8 +170,12 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     if single or g.surfaces[row].kind != NURBS:
         return nu >= nv
     b = c.box[node]
-    spans_u = find_break(p, p.index[row, BREAK_U], p.index[row, N_U], b[1]) - find_break(p, p.index[row, BREAK_U], p.index[row, N_U], b[0])
-    spans_v = find_break(p, p.index[row, BREAK_V], p.index[row, N_V], b[3]) - find_break(p, p.index[row, BREAK_V], p.index[row, N_V], b[2])
+    spans_u = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], b[1]) - find_break(
+        p, p.table[row, BREAK_U], p.table[row, N_U], b[0]
+    )
+    spans_v = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], b[3]) - find_break(
+        p, p.table[row, BREAK_V], p.table[row, N_V], b[2]
+    )
     if nu == nv:
         return spans_u >= spans_v
     return nu > nv
@@ -221,7 +223,12 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
                     c.box[kid, SECOND + m] = min(c.box[kid, SECOND + m], c.box[node, SECOND + m])
                 b = c.box[kid]
                 nu, nv = grid_counts(
-                    c.box[kid, SECOND + 0], c.box[kid, SECOND + 1], c.box[kid, SECOND + 2], b[1] - b[0], b[3] - b[2], error
+                    c.box[kid, SECOND + 0],
+                    c.box[kid, SECOND + 1],
+                    c.box[kid, SECOND + 2],
+                    b[1] - b[0],
+                    b[3] - b[2],
+                    error,
                 )
                 c.node[kid, GRID + 0], c.node[kid, GRID + 1] = nu, nv
                 both += float(nu) * float(nv)

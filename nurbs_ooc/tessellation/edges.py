@@ -214,7 +214,7 @@ def _grow(a: Floats, n: int) -> Floats:
 
 
 @helper
-def _smallest_count(g: Tables, uses: EdgeUses, e: int, boost: int) -> int:
+def _smallest_count(g: Tables, e: int, boost: int) -> int:
     """Fewest segments: closed edges need three, arcs one per third of a turn."""
     edge = g.edges[e]
     count = 1
@@ -360,7 +360,7 @@ def _sample_edge(
     for k in range(n):
         expected += math.sqrt(demand[k] / 8.0) * (breaks[k + 1] - breaks[k]) + 1.0
     density = float(1 << boost)
-    count = _smallest_count(g, uses, e, boost)
+    count = _smallest_count(g, e, boost)
     coarse = np.empty(int(min(expected * density, float(MAX_SAMPLES))) + n * (count + 2) + 2)
     at = 0
     low = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from nurbs_ooc.tessellation.trimming import Boundary
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Number = TypeVar("Number", bound=np.generic)
 
 
 class Output(NamedTuple):
@@ -43,7 +44,7 @@ def new_output(vertices: int) -> Output:
 
 
 @helper
-def _more_rows(a: Floats, used: int, need: int) -> Floats:
+def _more_rows(a: npt.NDArray[Number], used: int, need: int) -> npt.NDArray[Number]:
     if need <= len(a):
         return a
     bigger = np.empty((2 * need, a.shape[1]), dtype=a.dtype)

@@ -98,9 +98,7 @@ def _ask(b: Boundary, owner: Ints, p: int, q: int, wanted: Ints) -> None:
 
 
 @helper
-def _constrain(
-    t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: Ints
-) -> tuple[int, float]:
+def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: Ints) -> tuple[int, float]:
     """Insert all loop segments; how many crossed others, and the longest of those, mm."""
     pairs = np.empty((len(t.tri), 2), dtype=np.int64)
     crossed = np.empty(2, dtype=np.int64)
@@ -117,7 +115,7 @@ def _constrain(
 
 
 @helper
-def _triangulate_loops(t: Triangulation, b: Boundary, f: Frame, point: Ints, owner: Ints) -> None:
+def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) -> None:
     """Insert the boundary points; ``point`` maps boundary to lattice points, ``owner`` the first back."""
     for i in range(len(point)):
         px = to_lattice(b.uv[i, 0], b.box[0], b.box[1])
@@ -175,7 +173,7 @@ def tessellate_face(
         t = new_triangulation(room, du * f.du * LATTICE, dv * f.dv * LATTICE)
         owner = np.full(len(t.points), -1, dtype=np.int64)
         status, reason, extra = 0, 0, 0.0
-        _triangulate_loops(t, b, f, point, owner)
+        _triangulate_loops(t, b, point, owner)
         lost, longest = _constrain(t, b, point, owner, wanted)
         if lost > 0 and not final:
             return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
@@ -193,7 +191,7 @@ def tessellate_face(
         if flat:
             return READY, b, t, point, f, 0.0, extra, status, reason
         blame = np.zeros(2 * MAX_BLAMES + 1, dtype=np.int64)
-        code = insert_grids(t, c, f) if promised < MAX_POINTS else DONE
+        code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
         worst = 0.0
         if code == DONE:
             code, worst = certify(g, p, row, c, f, t, target, check, blame)

@@ -19,15 +19,14 @@ from nurbs_cache.jit import helper
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, crease_charge
-from nurbs_ooc.geometry.surface import NURBS, PLANE
+from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, cell_bounds
 from nurbs_ooc.tessellation.triangulate import (
-    INSIDE,
     CHECKED,
     FIXED,
+    INSIDE,
     LAST,
-    N_OUTER,
     N_POINTS,
     N_TRIANGLES,
     Triangulation,
@@ -95,11 +94,19 @@ def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
 
 
 @helper
-def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
-    """Offer the grid points of all leaves that do not lie on the root's border."""
+def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
+    """Offer the grid points of all leaves that do not lie on the root's border, neighbours after each other."""
     root = c.box[0]
-    for node in range(len(c.node)):
+    top = 1
+    stack[0] = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
         if c.node[node, CHILD] >= 0:
+            # Depth first: leaves follow in the order of their places, so the walk between them is short.
+            stack[top] = c.node[node, CHILD] + 1
+            stack[top + 1] = c.node[node, CHILD]
+            top += 2
             continue
         nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
         u0, u1, v0, v1 = c.box[node, 0], c.box[node, 1], c.box[node, 2], c.box[node, 3]
@@ -110,7 +117,7 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
         for i in range(i_low, i_high + 1):
             px = int((u0 + (u1 - u0) * i / nu - f.u0) / f.du + 0.5)
             for m in range(j_low, j_high + 1):
-                # To and fro, so that the walk to the next point stays short.
+                # To and fro, for the same reason.
                 j = m if i % 2 == 0 else j_high + j_low - m
                 py = int((v0 + (v1 - v0) * j / nv - f.v0) / f.dv + 0.5)
                 if _offer(t, px, py, hx, hy) == FULL:
@@ -119,9 +126,7 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame) -> int:
 
 
 @helper
-def _bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check
-) -> float:
+def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
     """Deviation bound of triangle k, mm; its second-derivative bounds stay in ``check.second``."""
     a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
     u0 = f.u0 + f.du * min(t.points[a, 0], t.points[b, 0], t.points[d, 0])
@@ -230,9 +235,7 @@ def certify(
 
 
 @helper
-def worst_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, check: Check
-) -> float:
+def worst_bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, check: Check) -> float:
     """The largest deviation bound of any inner triangle, mm."""
     worst = 0.0
     for k in range(t.n[N_TRIANGLES]):

@@ -1,6 +1,6 @@
 """Certified triangles of the faces of a part: the driver of the stages in this folder.
 
-    pieces -> edge samples -> faces -> (edges that need more samples -> again) -> mesh
+pieces -> edge samples -> faces -> (edges that need more samples -> again) -> mesh
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
-from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
-from nurbs_ooc.bounds.curve_bounds import SIZE
+from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.bounds.pieces import Pieces, bezier_pieces
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
-from nurbs_ooc.tessellation.edges import EdgeSamples, EdgeUses, edge_uses, sample_edges
+from nurbs_ooc.tessellation.edges import EdgeSamples, edge_uses, sample_edges
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
 from nurbs_ooc.tessellation.face import BOX_AS_POINTS, NEEDS_SAMPLES, tessellate_face
 from nurbs_ooc.tessellation.mesh import MeshBatch
@@ -92,9 +91,7 @@ def _run_faces(
     return results
 
 
-def _join(
-    geometry: GeometryBatch, faces: Ints, results: list[Any]
-) -> MeshBatch:
+def _join(geometry: GeometryBatch, faces: Ints, results: list[Any]) -> MeshBatch:
     """Concatenate the chunks' arrays into one mesh."""
     counts = [np.diff(r[1], axis=0, prepend=np.zeros((1, 3), np.int64)) for r in results]
     per_face = np.concatenate(counts) if counts else np.zeros((0, 3), np.int64)
@@ -128,6 +125,42 @@ def _join(
     )
 
 
+def _gather(start: Ints, faces: Ints) -> tuple[Ints, Ints]:
+    """Rows start[f]:start[f + 1] of all ``faces``, one after the other, and where each face's begin."""
+    counts = start[faces + 1] - start[faces]
+    begins = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return np.arange(begins[-1]) + np.repeat(start[faces] - begins[:-1], counts), begins
+
+
+def select_faces(mesh: MeshBatch, faces: Ints) -> MeshBatch:
+    """The mesh of some faces of a mesh of all rows of a part.
+
+    Args:
+        mesh: with ``mesh.faces`` = 0, 1, 2, ...
+        faces: (n,) rows, in the order wanted.
+    """
+    vertices, vertex_start = _gather(mesh.vertex_start, faces)
+    triangles, triangle_start = _gather(mesh.triangle_start, faces)
+    segments, segment_start = _gather(mesh.segment_start, faces)
+    shift = vertex_start[:-1] - mesh.vertex_start[faces]
+    return MeshBatch(
+        faces=faces,
+        vertex_start=vertex_start,
+        triangle_start=triangle_start,
+        segment_start=segment_start,
+        positions=mesh.positions[vertices],
+        normals=mesh.normals[vertices],
+        parameters=mesh.parameters[vertices],
+        triangles=mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_start))[:, None],
+        segments=mesh.segments[segments] + np.repeat(shift, np.diff(segment_start))[:, None],
+        surface_error=mesh.surface_error[faces],
+        trim_error=mesh.trim_error[faces],
+        pcurve_error=mesh.pcurve_error[faces],
+        status=mesh.status[faces],
+        reason=mesh.reason[faces],
+    )
+
+
 def _checked_error(geometry: GeometryBatch, chord_error: float) -> float:
     """The error, if it is one that float64 coordinates of this size can keep."""
     if not (chord_error > 0.0 and np.isfinite(chord_error)):
@@ -152,10 +185,11 @@ def tessellate(
     """Triangulate faces of a part so that each differs from its surface by at most ``chord_error``.
 
     Args:
-        geometry: the part; edges are sampled from all faces that use them, so give it whole.
+        geometry: the part, whole: edges are sampled as all faces that use them need.
         chord_error: mm, > 0: bound of the distance in both directions. What the file's own gaps
             between p-curves, edges and surfaces add is reported in ``pcurve_error``, not refined.
-        faces: (n,) rows to do, default all.
+        faces: (n,) rows to return, default all. All are done, since any may ask its neighbours for
+            samples: a face is the same mesh whatever others are asked for.
         normal_error_deg: bound of the angle between interpolated and true normal, not yet kept.
         workers: threads; the result does not depend on it.
 
@@ -168,7 +202,7 @@ def tessellate(
     error = _checked_error(geometry, chord_error)
     if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    rows = np.arange(len(geometry.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
+    rows = np.arange(len(geometry.surfaces), dtype=np.int64)
     g = tables(geometry)
     run = chunk_runner(workers)
     pieces = bezier_pieces(g)
@@ -181,4 +215,5 @@ def tessellate(
         if not wanted.any() or turn == MAX_ROUNDS:
             break
         boost += wanted > 0
-    return _join(geometry, rows, results)
+    mesh = _join(geometry, rows, results)
+    return mesh if faces is None else select_faces(mesh, np.asarray(faces, np.int64))

@@ -1,18 +1,18 @@
-"""Constrained Delaunay triangulation on an integer lattice.
+r"""Constrained Delaunay triangulation on an integer lattice.
 
 Points are inserted one by one (walk, split, flip), constraints by flipping the edges they cross;
 every topological decision is an exact orientation test. Triangles are counter-clockwise; index i of
 the neighbours and of the constraint counts belongs to the edge opposite corner i::
 
             c
-           / \\        tri = (a, b, c)
-      e1  /   \\  e0   adjacent[0] across e0 = b-c, and so on
-         /     \\
+           / \        tri = (a, b, c)
+      e1  /   \  e0   neighbour 0 lies across e0 = b-c, and so on
+         /     \
         a ----- b
             e2
 
-A box of four outer points encloses everything, so real points always have a closed fan. That count
-says how often an edge was asked for: crossing an edge of odd count changes inside to outside.
+A box of four outer points encloses everything, so real points always have a closed fan. The
+constraint count says how often an edge was asked for: crossing an edge of odd count changes inside to outside.
 
 Source: C. L. Lawson, "Software for C1 surface interpolation", 1977 (flipping); S. W. Sloan, "A fast
 algorithm for generating constrained Delaunay triangulations", Computers & Structures 47, 1993.
@@ -95,7 +95,9 @@ def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
 
 
 @helper
-def _set(t: Triangulation, k: int, a: int, b: int, c: int, n0: int, n1: int, n2: int, f0: int, f1: int, f2: int) -> None:
+def _set(
+    t: Triangulation, k: int, a: int, b: int, c: int, n0: int, n1: int, n2: int, f0: int, f1: int, f2: int
+) -> None:
     """Overwrite triangle ``k`` and let its corners know it."""
     t.tri[k, 0], t.tri[k, 1], t.tri[k, 2] = a, b, c
     t.tri[k, ADJACENT], t.tri[k, ADJACENT + 1], t.tri[k, ADJACENT + 2] = n0, n1, n2
@@ -138,11 +140,7 @@ def _legalise(t: Triangulation, top: int) -> None:
             continue
         d = t.tri[o, _side(t, o, k)]
         p, a, b = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
-        if (
-            in_circle(t.points, t.scale, p, a, b, d)
-            and orient(t.points, p, a, d) > 0
-            and orient(t.points, p, d, b) > 0
-        ):
+        if in_circle(t.points, t.scale, p, a, b, d) and orient(t.points, p, a, d) > 0 and orient(t.points, p, d, b) > 0:
             flip(t, k, 0)
             if top + 2 < len(t.tri):
                 t.tri[top, STACK] = k

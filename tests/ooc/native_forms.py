@@ -139,8 +139,12 @@ def signed_volume(batch: GeometryBatch, n: int = 120) -> float:
             continue
         h = 1e-6 * np.array([s["u1"] - s["u0"], s["v1"] - s["v0"]])
         points = surface_points(batch, row, uv)
-        d_u = (surface_points(batch, row, uv + [h[0], 0]) - surface_points(batch, row, uv - [h[0], 0])) / (2 * h[0])
-        d_v = (surface_points(batch, row, uv + [0, h[1]]) - surface_points(batch, row, uv - [0, h[1]])) / (2 * h[1])
+        d_u = (
+            surface_points(batch, row, uv + np.array([h[0], 0])) - surface_points(batch, row, uv - np.array([h[0], 0]))
+        ) / (2 * h[0])
+        d_v = (
+            surface_points(batch, row, uv + np.array([0, h[1]])) - surface_points(batch, row, uv - np.array([0, h[1]]))
+        ) / (2 * h[1])
         flux = np.einsum("ij,ij->i", points, np.cross(d_u, d_v)).sum()
         cell = (s["u1"] - s["u0"]) * (s["v1"] - s["v0"]) / n**2
         total += (-1.0 if s["reversed"] else 1.0) * flux * cell / 3.0
