@@ -118,6 +118,9 @@ class CurveForm:
                 return _project(self.points[0], self.rational)
             if t >= self.knots[-1]:
                 return _project(self.points[-1], self.rational)
+            if len(self.points) == 2:
+                share = (t - self.knots[0]) / (self.knots[-1] - self.knots[0])
+                return _project((1.0 - share) * self.points[0] + share * self.points[1], self.rational)
             return _project(bspline_basis(self.knots, self.degree, t) @ self.points, self.rational)
         c, a, b = self.points
         if self.kind == CurveKind.ELLIPSE:

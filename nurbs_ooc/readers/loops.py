@@ -40,8 +40,8 @@ WIRE = TopAbs_ShapeEnum.TopAbs_WIRE
 EDGE = TopAbs_ShapeEnum.TopAbs_EDGE
 
 ROUNDING = 1e-9  # relative: p-curve ends closer than this are equal
-SLIVER_SHARE = 0.2  # of its box: a loop that fills less has its area sampled
-SLIVER_SAMPLES = 65
+SLIVER_SHARE = 0.05  # of its box: a loop that fills less has its area sampled
+SLIVER_SAMPLES = 33
 POLE_SHARE = 0.02  # of the face's extent in u or v: a jump over a pole, not a gap in the file
 MIN_TOLERANCE = 1e-7  # mm, the kernel's own confusion distance
 GAP_SLACK = 2.0  # both ends may be off by the tolerance
@@ -283,7 +283,8 @@ def signed_area(loop: Loop) -> float:
 
 def _sampled(coedge: Coedge) -> Array:
     curve = coedge.pcurve
-    parameters = np.linspace(curve.t0, curve.t1, SLIVER_SAMPLES)[:: -1 if coedge.reversed else 1]
+    n = 2 if len(curve.points) == 2 else SLIVER_SAMPLES
+    parameters = np.linspace(curve.t0, curve.t1, n)[:: -1 if coedge.reversed else 1]
     return np.array([curve.point(t) for t in parameters])
 
 
