@@ -126,13 +126,10 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
 
 
 @helper
-def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
-    """Deviation bound of triangle k, mm; its second-derivative bounds stay in ``check.second``."""
-    a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
-    u0 = f.u0 + f.du * min(t.points[a, 0], t.points[b, 0], t.points[d, 0])
-    u1 = f.u0 + f.du * max(t.points[a, 0], t.points[b, 0], t.points[d, 0])
-    v0 = f.v0 + f.dv * min(t.points[a, 1], t.points[b, 1], t.points[d, 1])
-    v1 = f.v0 + f.dv * max(t.points[a, 1], t.points[b, 1], t.points[d, 1])
+def _box_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, u0: float, u1: float, v0: float, v1: float, check: Check
+) -> float:
+    """Deviation bound of a triangle in a parameter box, mm; second-derivative bounds stay in ``check.second``."""
     m = check.second
     charge = 0.0
     if g.surfaces[row].kind == NURBS:
@@ -141,9 +138,35 @@ def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation,
     else:
         closed_form_bounds(g, row, u0, u1, v0, v1, check.work, check.bounds)
         m[0], m[1], m[2] = check.bounds[MUU], check.bounds[MUV], check.bounds[MVV]
-    # One lattice step more: the corners were rounded to the lattice.
-    x, y = u1 - u0 + f.du, v1 - v0 + f.dv
+    x, y = u1 - u0, v1 - v0
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0 + charge
+
+
+@helper
+def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
+    """Deviation bound of triangle k, mm; its box is half a lattice step wider, for its corners were rounded."""
+    q = t.points
+    a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+    u0 = f.u0 + f.du * (min(q[a, 0], q[b, 0], q[d, 0]) - 0.5)
+    u1 = f.u0 + f.du * (max(q[a, 0], q[b, 0], q[d, 0]) + 0.5)
+    v0 = f.v0 + f.dv * (min(q[a, 1], q[b, 1], q[d, 1]) - 0.5)
+    v1 = f.v0 + f.dv * (max(q[a, 1], q[b, 1], q[d, 1]) + 0.5)
+    return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
+
+
+@helper
+def _edge_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, i: int, check: Check
+) -> float:
+    """Bound of a flat triangle on edge i of k that reaches 1/16 of the way to the opposite corner, mm."""
+    q = t.points
+    a, b, d = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[k, i]
+    x = q[a, 0] + (q[b, 0] - q[a, 0]) * 0.5
+    y = q[a, 1] + (q[b, 1] - q[a, 1]) * 0.5
+    x, y = x + (q[d, 0] - x) / 16.0, y + (q[d, 1] - y) / 16.0
+    u0, u1 = f.u0 + f.du * min(q[a, 0], q[b, 0], x), f.u0 + f.du * max(q[a, 0], q[b, 0], x)
+    v0, v1 = f.v0 + f.dv * min(q[a, 1], q[b, 1], y), f.v0 + f.dv * max(q[a, 1], q[b, 1], y)
+    return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
 
 
 @helper
@@ -162,8 +185,8 @@ def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float
 
 
 @helper
-def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blame: Ints) -> int:
-    """Insert a point that shrinks triangle k; LONG_EDGE, and the edge blamed, if its boundary edge is too long."""
+def _longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, float, int, float]:
+    """The longest free and the longest boundary edge of triangle k, each with its length as the error sees it."""
     longest_free = -1.0
     longest_fixed = -1.0
     free = -1
@@ -175,21 +198,23 @@ def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blam
                 longest_fixed, fixed = q, i
         elif q > longest_free:
             longest_free, free = q, i
-    if longest_fixed > target:
-        if 2 * blame[0] + 2 < len(blame):
-            blame[2 * blame[0] + 1], blame[2 * blame[0] + 2] = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3]
-            blame[0] += 1
-        return LONG_EDGE
+    return free, longest_free, fixed, longest_fixed
+
+
+@helper
+def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
+    """Insert a point on edge ``free`` of triangle k, or, if that is -1, between ``fixed`` and the corner opposite."""
     p = t.n[N_POINTS]
     if p >= len(t.points):
         return FULL
-    if free >= 0 and longest_free >= longest_fixed:
+    q = t.points
+    if free >= 0:
         a, b = t.tri[k, (free + 1) % 3], t.tri[k, (free + 2) % 3]
-        t.points[p, 0], t.points[p, 1] = (t.points[a, 0] + t.points[b, 0]) // 2, (t.points[a, 1] + t.points[b, 1]) // 2
+        q[p, 0], q[p, 1] = (q[a, 0] + q[b, 0]) // 2, (q[a, 1] + q[b, 1]) // 2
     else:
         a, b, c = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3], t.tri[k, fixed]
-        t.points[p, 0] = (t.points[a, 0] + t.points[b, 0]) // 4 + t.points[c, 0] // 2
-        t.points[p, 1] = (t.points[a, 1] + t.points[b, 1]) // 4 + t.points[c, 1] // 2
+        q[p, 0] = (q[a, 0] + q[b, 0]) // 4 + q[c, 0] // 2
+        q[p, 1] = (q[a, 1] + q[b, 1]) // 4 + q[c, 1] // 2
     t.n[LAST] = k
     where, on = locate(t, p)
     if t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
@@ -198,6 +223,14 @@ def _break_up(t: Triangulation, f: Frame, k: int, m: Floats, target: float, blam
     t.n[N_POINTS] = p + 1
     split(t, where, on, p)
     return DONE
+
+
+@helper
+def _blame(t: Triangulation, k: int, i: int, blame: Ints) -> None:
+    """Note the ends of edge i of k as a boundary edge that is too long; ``blame[0]`` counts them."""
+    if 2 * blame[0] + 2 < len(blame):
+        blame[2 * blame[0] + 1], blame[2 * blame[0] + 2] = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        blame[0] += 1
 
 
 @helper
@@ -224,11 +257,12 @@ def certify(
             if bound > target:
                 before = t.n[N_POINTS]
                 _local_metric(t, c, f, check.second, target)
-                step = _break_up(t, f, k, check.second, target, blame)
-                if step == FULL:
-                    return FULL, worst
-                if step == LONG_EDGE:
+                free, q_free, fixed, q_fixed = _longest_edges(t, f, k, check.second)
+                if q_fixed > target and _edge_bound(g, p, row, c, f, t, k, fixed, check) > target:
+                    _blame(t, k, fixed, blame)
                     code = LONG_EDGE
+                elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
+                    return FULL, worst
                 again = again or t.n[N_POINTS] > before
             k += 1
     return code, worst_bound(g, p, row, c, f, t, check)

@@ -91,7 +91,14 @@ def _run_faces(
     return results
 
 
-def _join(geometry: GeometryBatch, faces: Ints, results: list[Any]) -> MeshBatch:
+def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
+    """Exact faces that a gap in the file keeps above the error asked for are healed, and say why."""
+    kept_open = (errors.sum(axis=1) > error) & (errors[:, 2] > 0.0) & (codes[:, 1] == FaceStatus.EXACT)
+    codes[kept_open, 1] = FaceStatus.HEALED
+    codes[kept_open, 2] = FaceReason.FILE_GAP
+
+
+def _join(geometry: GeometryBatch, faces: Ints, results: list[Any], error: float) -> MeshBatch:
     """Concatenate the chunks' arrays into one mesh."""
     counts = [np.diff(r[1], axis=0, prepend=np.zeros((1, 3), np.int64)) for r in results]
     per_face = np.concatenate(counts) if counts else np.zeros((0, 3), np.int64)
@@ -107,6 +114,7 @@ def _join(geometry: GeometryBatch, faces: Ints, results: list[Any]) -> MeshBatch
             parts.append(part + start if offset else part)
         return np.concatenate(parts) if parts else np.zeros((0, columns), dtype)
 
+    _name_gaps(codes, errors, error)
     return MeshBatch(
         faces=faces,
         vertex_start=starts[:, 0].copy(),
@@ -215,5 +223,5 @@ def tessellate(
         if not wanted.any() or turn == MAX_ROUNDS:
             break
         boost += wanted > 0
-    mesh = _join(geometry, rows, results)
+    mesh = _join(geometry, rows, results, error)
     return mesh if faces is None else select_faces(mesh, np.asarray(faces, np.int64))

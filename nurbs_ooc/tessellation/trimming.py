@@ -73,18 +73,23 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
             curve = g.curves[coedge.pcurve]
             low, high = samples.first[e], samples.first[e + 1]
             trim = max(trim, samples.trim[c])
-            for i in range(high - low - 1):
+            for i in range(high - low):
                 k = high - 1 - i if coedge.reversed else low + i
                 t = curve.t0 + (samples.t[k] - edge.t0) * (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
                 curve_point(g, coedge.pcurve, t, scratch, point)
-                uv[at, 0], uv[at, 1] = point[0], point[1]
-                surface_point(g, row, uv[at, 0], uv[at, 1], scratch, point)
-                surface_normal(g, row, uv[at, 0], uv[at, 1], scratch, point, normal[at])
+                u, v = point[0], point[1]
+                surface_point(g, row, u, v, scratch, point)
                 off = 0.0
                 for d in range(3):
-                    position[at, d] = samples.position[k, d]
-                    off += (point[d] - position[at, d]) ** 2
+                    off += (point[d] - samples.position[k, d]) ** 2
                 gap = max(gap, math.sqrt(off))
+                if i == high - low - 1:
+                    # The next coedge gives this point; here only the gap at its end counts.
+                    break
+                surface_normal(g, row, u, v, scratch, point, normal[at])
+                uv[at, 0], uv[at, 1] = u, v
+                for d in range(3):
+                    position[at, d] = samples.position[k, d]
                 follow[at] = at + 1
                 edges[at] = e
                 at += 1
