@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
-from nurbs_cache.surface_record import GeometryBatch
+from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.bounds.pieces import Pieces, bezier_pieces
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
