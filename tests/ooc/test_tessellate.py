@@ -1,0 +1,137 @@
+"""Triangles of surfaces whose area, volume and distance are known in closed form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from nurbs_cache.errors import UsageError
+from nurbs_cache.surface_record import FaceStatus, GeometryBatch
+from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_ooc.geometry.sample_faces import add_cone, add_cylinder, add_patch, add_plane, add_sphere, add_torus
+from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.tessellate import tessellate
+
+ERRORS = (0.1, 1e-2, 1e-3)
+
+
+def _batch(*adds: Callable[[BatchBuilder], int]) -> GeometryBatch:
+    builder = BatchBuilder()
+    for add in adds:
+        add(builder)
+    return builder.build()
+
+
+def _area(mesh: MeshBatch) -> float:
+    a, b, c = (mesh.positions[mesh.triangles[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _volume(mesh: MeshBatch) -> float:
+    a, b, c = (mesh.positions[mesh.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def _edge_counts(mesh: MeshBatch) -> np.ndarray:
+    """How many triangles meet at each edge after welding equal positions."""
+    _, weld = np.unique(mesh.positions, axis=0, return_inverse=True)
+    t = weld.reshape(-1)[mesh.triangles]
+    edges = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)[1]
+
+
+def _inside_triangles(mesh: MeshBatch, n: int) -> np.ndarray:
+    """``n`` random points of every triangle."""
+    weights = np.random.default_rng(1).dirichlet((1, 1, 1), n)
+    return np.einsum("nk,tkd->tnd", weights, mesh.positions[mesh.triangles]).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_sphere_is_closed_and_within_the_error(error: float) -> None:
+    mesh = tessellate(_batch(add_sphere), error)
+    assert (_edge_counts(mesh) == 2).all()
+    assert mesh.certified_error.max() <= error
+    depth = 1.0 - np.linalg.norm(_inside_triangles(mesh, 8), axis=1)
+    assert depth.min() >= -1e-12
+    assert depth.max() <= mesh.certified_error.max()
+    # Euler 2, and no more volume lost than the error allows.
+    counts = _edge_counts(mesh)
+    corners = len(np.unique(mesh.positions[mesh.triangles.reshape(-1)], axis=0))
+    assert corners - len(counts) + len(mesh.triangles) == 2
+    assert 4 * math.pi / 3 * (1 - error) ** 3 <= _volume(mesh) <= 4 * math.pi / 3
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_torus_is_closed_and_within_the_error(error: float) -> None:
+    mesh = tessellate(_batch(add_torus), error)
+    assert (_edge_counts(mesh) == 2).all()
+    p = _inside_triangles(mesh, 8)
+    off = np.abs(np.hypot(np.hypot(p[:, 0], p[:, 1]) - 2.0, p[:, 2]) - 0.5)
+    assert off.max() <= mesh.certified_error.max() <= error
+    assert abs(_area(mesh) / (4 * math.pi**2 * 2.0 * 0.5) - 1) < 4 * error
+
+
+def test_cylinder_costs_what_its_circle_costs() -> None:
+    mesh = tessellate(_batch(add_cylinder), 1e-3)
+    needed = math.pi / math.acos(1 - 1e-3)
+    assert len(mesh.triangles) <= 2 * (needed + 2)
+    p = _inside_triangles(mesh, 8)
+    assert (1.0 - np.hypot(p[:, 0], p[:, 1])).max() <= mesh.certified_error.max() <= 1e-3
+
+
+def test_cone_to_its_apex() -> None:
+    mesh = tessellate(_batch(add_cone), 1e-3)
+    assert mesh.certified_error.max() <= 1e-3
+    assert np.isfinite(mesh.normals).all()
+    assert len(mesh.triangles) < 100
+    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0)
+
+
+def test_plane_is_two_triangles() -> None:
+    mesh = tessellate(_batch(add_plane), 1e-6)
+    assert len(mesh.triangles) == 2
+    assert _area(mesh) == 1.0
+
+
+def test_hyperbolic_paraboloid_needs_its_vertical_error() -> None:
+    # z = xy: two triangles are off by exactly 1/4.
+    points = np.array([[[x, y, x * y] for y in (0.0, 1.0)] for x in (0.0, 1.0)])
+    batch = _batch(lambda b: add_patch(b, 1, 1, points))
+    assert len(tessellate(batch, 0.26).triangles) == 2
+    fine = tessellate(batch, 1e-3)
+    p = _inside_triangles(fine, 8)
+    assert np.abs(p[:, 2] - p[:, 0] * p[:, 1]).max() <= fine.certified_error.max() <= 1e-3
+    assert abs(_area(fine) - 1.2807892753) < 1e-3
+
+
+def test_result_does_not_depend_on_workers_or_on_the_faces_asked_for() -> None:
+    batch = _batch(*[add_sphere, add_torus, add_cylinder] * 30)
+    one, two = tessellate(batch, 1e-2), tessellate(batch, 1e-2, workers=2)
+    assert np.array_equal(one.positions, two.positions)
+    assert np.array_equal(one.triangles, two.triangles)
+    rows = np.array([70, 1, 5])
+    some = tessellate(batch, 1e-2, faces=rows)
+    for i, row in enumerate(rows):
+        mine = some.positions[some.triangles[some.triangle_start[i] : some.triangle_start[i + 1]]]
+        whole = one.positions[one.triangles[one.triangle_start[row] : one.triangle_start[row + 1]]]
+        assert np.array_equal(mine, whole)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_rational_patch_within_its_bound(degree: int) -> None:
+    rng = np.random.default_rng(degree)
+    grid = np.stack(np.meshgrid(np.arange(degree + 4.0), np.arange(degree + 3.0), indexing="ij"), axis=2)
+    points = np.concatenate([grid, rng.normal(0, 0.5, (*grid.shape[:2], 1))], axis=2)
+    batch = _batch(lambda b: add_patch(b, degree, degree, points, rng.uniform(0.5, 2.0, grid.shape[:2])))
+    mesh = tessellate(batch, 0.02)
+    assert mesh.status[0] == FaceStatus.EXACT
+    assert mesh.certified_error[0] <= 0.02
+
+
+@pytest.mark.parametrize("error", [0.0, -1.0, math.nan, math.inf])
+def test_senseless_errors_are_refused(error: float) -> None:
+    with pytest.raises(UsageError, match="chord error"):
+        tessellate(_batch(add_plane), error)
