@@ -17,7 +17,7 @@ from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.bounds.pieces import Pieces, bezier_pieces
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
-from nurbs_ooc.tessellation.edges import EdgeSamples, edge_uses, sample_edges
+from nurbs_ooc.tessellation.edges import EdgeSamples, EdgeUses, edge_uses, sample_edges
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
 from nurbs_ooc.tessellation.face import BOX_AS_POINTS, NEEDS_SAMPLES, tessellate_face
 from nurbs_ooc.tessellation.mesh import MeshBatch
@@ -141,16 +141,17 @@ def _gather(start: Ints, faces: Ints) -> tuple[Ints, Ints]:
 
 
 def select_faces(mesh: MeshBatch, faces: Ints) -> MeshBatch:
-    """The mesh of some faces of a mesh of all rows of a part.
+    """The mesh of some faces of a mesh.
 
     Args:
-        mesh: with ``mesh.faces`` = 0, 1, 2, ...
-        faces: (n,) rows, in the order wanted.
+        mesh: its ``faces`` ascending.
+        faces: (n,) of those rows, in the order wanted.
     """
-    vertices, vertex_start = _gather(mesh.vertex_start, faces)
-    triangles, triangle_start = _gather(mesh.triangle_start, faces)
-    segments, segment_start = _gather(mesh.segment_start, faces)
-    shift = vertex_start[:-1] - mesh.vertex_start[faces]
+    at = np.searchsorted(mesh.faces, faces)
+    vertices, vertex_start = _gather(mesh.vertex_start, at)
+    triangles, triangle_start = _gather(mesh.triangle_start, at)
+    segments, segment_start = _gather(mesh.segment_start, at)
+    shift = vertex_start[:-1] - mesh.vertex_start[at]
     return MeshBatch(
         faces=faces,
         vertex_start=vertex_start,
@@ -161,12 +162,24 @@ def select_faces(mesh: MeshBatch, faces: Ints) -> MeshBatch:
         parameters=mesh.parameters[vertices],
         triangles=mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_start))[:, None],
         segments=mesh.segments[segments] + np.repeat(shift, np.diff(segment_start))[:, None],
-        surface_error=mesh.surface_error[faces],
-        trim_error=mesh.trim_error[faces],
-        pcurve_error=mesh.pcurve_error[faces],
-        status=mesh.status[faces],
-        reason=mesh.reason[faces],
+        surface_error=mesh.surface_error[at],
+        trim_error=mesh.trim_error[at],
+        pcurve_error=mesh.pcurve_error[at],
+        status=mesh.status[at],
+        reason=mesh.reason[at],
     )
+
+
+def _with_neighbours(g: Tables, uses: EdgeUses, faces: Ints) -> Ints:
+    """The faces and all that share an edge with one of them; unchanged if they are all of the part."""
+    if len(faces) == len(g.surfaces):
+        return faces
+    inside = np.zeros(len(g.surfaces) + 1, bool)  # the last for coedges of no surface
+    inside[faces] = True
+    touched = np.zeros(len(g.edges), bool)
+    touched[g.coedges["edge"][inside[uses.surface]]] = True
+    inside[uses.surface[touched[g.coedges["edge"]]]] = True
+    return np.flatnonzero(inside[:-1])
 
 
 def _checked_error(geometry: GeometryBatch, chord_error: float) -> float:
@@ -196,8 +209,8 @@ def tessellate(
         geometry: the part, whole: edges are sampled as all faces that use them need.
         chord_error: mm, > 0: bound of the distance in both directions. What the file's own gaps
             between p-curves, edges and surfaces add is reported in ``pcurve_error``, not refined.
-        faces: (n,) rows to return, default all. All are done, since any may ask its neighbours for
-            samples: a face is the same mesh whatever others are asked for.
+        faces: (n,) distinct rows to return, default all. Their neighbours are done too, for they may
+            ask for samples on a shared edge.
         normal_error_deg: bound of the angle between interpolated and true normal, not yet kept.
         workers: threads; the result does not depend on it.
 
@@ -210,11 +223,12 @@ def tessellate(
     error = _checked_error(geometry, chord_error)
     if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    rows = np.arange(len(geometry.surfaces), dtype=np.int64)
     g = tables(geometry)
     run = chunk_runner(workers)
     pieces = bezier_pieces(g)
     uses = edge_uses(g)
+    wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
+    rows = _with_neighbours(g, uses, wished)
     boost = np.zeros(len(g.edges), np.int64)
     for turn in range(MAX_ROUNDS + 1):
         samples = sample_edges(g, pieces, uses, error, boost, run)
@@ -224,4 +238,4 @@ def tessellate(
             break
         boost += wanted > 0
     mesh = _join(geometry, rows, results, error)
-    return mesh if faces is None else select_faces(mesh, np.asarray(faces, np.int64))
+    return mesh if np.array_equal(rows, wished) else select_faces(mesh, wished)
