@@ -201,11 +201,22 @@ class FootFinder:
         nearer = at_edge < best[edge]
         best[edge[nearer]], best_uv[edge[nearer]] = at_edge[nearer], edge_uv[nearer]
         far = np.flatnonzero(best > limit)
-        for seed in self._more_seeds(face[far], p[far]):
+        seeds = [self._at_seam(face[far], best_uv[far], at_end) for at_end in (False, True)]
+        seeds += self._more_seeds(face[far], p[far])
+        for seed in seeds:
             sub_uv, sub = best_uv[far], best[far]
             self._improve(face[far], p[far], seed, sub_uv, sub)
             best_uv[far], best[far] = sub_uv, sub
         return best_uv, best
+
+    def _at_seam(self, face: Indices, uv: Floats, at_end: bool) -> Floats:
+        """Parameters moved to the start or the end of what is periodic: a search does not cross a seam by itself."""
+        surfaces = self.region.geometry.surfaces[self.region.faces[face]]
+        other = uv.copy()
+        for k, (low, high, period) in enumerate((("u0", "u1", "u_period"), ("v0", "v1", "v_period"))):
+            side = surfaces[high if at_end else low]
+            other[:, k] = np.where(surfaces[period] > 0.0, side, uv[:, k])
+        return other
 
     def _improve(self, face: Indices, p: Floats, seed: Floats, best_uv: Floats, best: Floats) -> None:
         uv, d, inside = self.descend(face, p, seed)
