@@ -54,9 +54,7 @@ def node_content(
     clusters = cluster_vertices(soup.positions, soup.normals, origin, budget.cell)
     simple, moved = simplify(soup, clusters, budget.small_area, budget.allowance)
     errors = pool.errors[mesh_slots] * placements.stretch[occurrence, None]
-    surface, trim, pcurve = errors.max(axis=0, initial=0.0).tolist()
-    half_diagonals = 0.5 * np.linalg.norm(items["aabb_max"] - items["aabb_min"], axis=1)[~placed]
-    ledger = Ledger(max(surface, float(half_diagonals.max(initial=0.0))), trim, pcurve, moved)
+    ledger = _ledger(errors, items[~placed], moved)
     return TileContent(
         simple.positions,
         simple.normals,
@@ -78,3 +76,21 @@ def _with_points(soup: Soup, items: npt.NDArray[np.void]) -> Soup:
         soup.lines,
         np.concatenate([soup.points, np.arange(n, n + len(items), dtype=np.int32)]),
     )
+
+
+def _ledger(errors: npt.NDArray[np.float64], points: npt.NDArray[np.void], moved: float) -> Ledger:
+    """The terms of the surface whose error is largest, and how far its primitives moved at most.
+
+    A maximum of each term by itself would add up terms of different surfaces to more than any has.
+
+    Args:
+        errors: (n, 3) surface, trim and p-curve error of each mesh, mm, assembly space.
+        points: ``ITEM_DTYPE`` rows of the surfaces that are points.
+        moved: mm.
+    """
+    half_diagonals = 0.5 * np.linalg.norm(points["aabb_max"] - points["aabb_min"], axis=1)
+    worst_point = float(half_diagonals.max(initial=0.0))
+    if not len(errors) or worst_point >= errors.sum(axis=1).max():
+        return Ledger(surface=worst_point, cluster=moved)
+    surface, trim, pcurve = errors[errors.sum(axis=1).argmax()].tolist()
+    return Ledger(surface, trim, pcurve, moved)
