@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from nurbs_ooc.hlod.budget import Shares
 
-EDGE_OVER_ERROR = 256.0
+EDGE_OVER_ERROR = 512.0
 """r: a node's longest edge over its error budget, which is then rounded down to a power of two.
 
-A node is drawn while a pixel is between one and two budgets wide, so it covers r / 4 to r pixels: 64 to
-256 here. The paper bounds the primitives of a node by r**3 / 8.
+A node takes over from its parent while a pixel is about four budgets wide and gives way to its children at
+two: it covers r / 4 to r / 2 pixels (128 to 256) when it becomes active and twice that at the end. Larger
+r means fewer nodes and direct surfaces in a view but more primitives in each; docs/build.md has the figures.
 """
 
 STEP_LEVELS = 6
-"""A tile's positions lie on a grid of 2**-6 of its budget: 2 r budgets need 15 bits, and rounding costs
+"""A tile's positions lie on a grid of 2**-6 of its budget: 2 r budgets need 16 bits, and rounding costs
 0.0136 budgets. Tiles of one level share the grid, so positions that are equal stay equal in all of them."""
 
 POSITION_BITS = 21

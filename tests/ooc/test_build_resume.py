@@ -43,7 +43,7 @@ print(count)
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs")
+    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs", n=2)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_resume_without_anything_is_a_plain_build(source: Path, undisturbed: str
 def test_other_inputs_are_not_mixed_in(source: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     run_killed(source, cache, 3, "after")
-    other = write_scene(tmp_path / "other.nurbs", n=2)
+    other = write_scene(tmp_path / "other.nurbs", n=1)
     with pytest.raises(CacheError, match="inputs"):
         run_build(other, cache, resume=True)
     run_build(other, cache, force=True, levels="root")
@@ -104,7 +104,7 @@ def test_other_inputs_are_not_mixed_in(source: Path, tmp_path: Path) -> None:
 def test_finished_inputs_are_not_read_again(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from nurbs_ooc.build import read_stage
 
-    other = write_scene(tmp_path / "other.nurbs", n=2)
+    other = write_scene(tmp_path / "other.nurbs", n=1)
     opened, open_input = [], read_stage.open_input
 
     def stop_at_second(path: Path):  # type: ignore[no-untyped-def]

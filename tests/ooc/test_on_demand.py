@@ -17,7 +17,7 @@ from tests.ooc.scenes import run_build, write_scene
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs")
+    return write_scene(tmp_path_factory.mktemp("source") / "scene.nurbs", n=2)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_all_nodes_on_demand_are_the_batch_build(source: Path, whole: np.ndarray
 def test_surface_lod_keeps_its_level(source: Path, tmp_path: Path) -> None:
     run_build(source, tmp_path / "cache", levels="root")
     with Store.open(tmp_path / "cache", read_only=False) as store:
-        ball = 33
+        ball = 9
         errors = []
         for level in (0, -2, -5):
             record, data = build_surface_lod(store, ball, level)
@@ -64,7 +64,7 @@ def test_asking_for_what_is_not_there(source: Path, tmp_path: Path) -> None:
     run_build(source, tmp_path / "cache", levels="root")
     with Store.open(tmp_path / "cache", read_only=False) as store:
         with pytest.raises(MissingRecordError):
-            build_surface_lod(store, 34, 0)
+            build_surface_lod(store, 10, 0)
         with pytest.raises(UsageError, match="level"):
             build_surface_lod(store, 0, 99)
         with pytest.raises(UsageError, match="node"):
