@@ -20,7 +20,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.curve_bounds import D1, D2, SIZE, axis_distance, curve_bounds
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MVV, OUTWARD
 from nurbs_ooc.geometry.surface import CONE, CYLINDER, EXTRUSION, PLANE, REVOLUTION, SPHERE, TORUS
@@ -29,12 +30,12 @@ from nurbs_ooc.geometry.tables import Tables
 Floats = npt.NDArray[np.float64]
 
 
-@helper
+@leaf
 def _norm(g: Tables, at: int) -> float:
     return math.sqrt(g.values[at] ** 2 + g.values[at + 1] ** 2 + g.values[at + 2] ** 2)
 
 
-@helper
+@leaf
 def largest_cosine(a: float, b: float) -> float:
     """Largest |cos| over [a, b]."""
     if math.floor(a / math.pi) != math.floor(b / math.pi):
@@ -42,12 +43,12 @@ def largest_cosine(a: float, b: float) -> float:
     return max(abs(math.cos(a)), abs(math.cos(b)))
 
 
-@helper
+@leaf
 def profile_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
     """Over [a, b] of a profile curve: |C'|, |C''| and the distance from the surface's axis, span by span."""
     s = g.surfaces[row]
     c = g.curves[s.profile]
-    part = np.empty(SIZE)
+    part = local_line(SIZE)
     for k in range(3):
         out[k] = 0.0
     low = a
@@ -69,7 +70,7 @@ def profile_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: F
         low = high
 
 
-@helper
+@leaf
 def closed_form_bounds(
     g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, work: Floats, out: Floats
 ) -> None:
@@ -105,12 +106,12 @@ def closed_form_bounds(
         out[LU], out[LV] = rho, abs(b)
         out[MUU], out[MVV] = rho, abs(b)
     elif s.kind == REVOLUTION:
-        part = np.empty(3)
+        part = local_line(3)
         profile_bounds(g, row, v0, v1, work, part)
         out[LU], out[LV] = part[2], part[0]
         out[MUU], out[MVV] = part[2], part[1]
     elif s.kind == EXTRUSION:
-        part = np.empty(3)
+        part = local_line(3)
         profile_bounds(g, row, u0, u1, work, part)
         out[LU], out[LV], out[MUU] = part[0], _norm(g, f + 9), part[1]
     for k in range(5):

@@ -11,7 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line, local_table
 from nurbs_cache.surface_record import CurveKind
 from nurbs_ooc.bounds.derivatives import OUTWARD
 from nurbs_ooc.geometry.bspline import blossom, find_span
@@ -30,7 +31,7 @@ LOW, HIGH = 8, 11  # box, three components each
 SIZE = 14
 
 
-@helper
+@leaf
 def curve_net(g: Tables, row: int, a: float, b: float, points: Floats, net: Floats) -> int:
     """Bézier points over [a, b] inside one span; returns their dimension (homogeneous if rational)."""
     c = g.curves[row]
@@ -45,7 +46,7 @@ def curve_net(g: Tables, row: int, a: float, b: float, points: Floats, net: Floa
     return dim
 
 
-@helper
+@leaf
 def _conic_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
     """Ellipse and hyperbola: amplitudes bound the derivatives, chord and deviation the box."""
     c = g.curves[row]
@@ -53,9 +54,9 @@ def _conic_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
     grow = 1.0
     if c.kind != ELLIPSE:
         grow = math.cosh(max(abs(a), abs(b)))
-    start = np.empty(6)
-    end = np.empty(6)
-    scratch = np.empty((2, 1))  # conics need none
+    start = local_line(6)
+    end = local_line(6)
+    scratch = local_table(2, 1)  # conics need none
     curve_point(g, row, a, scratch, start)
     curve_point(g, row, b, scratch, end)
     size_a = 0.0
@@ -86,7 +87,7 @@ def _conic_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
     out[D2] = norm * OUTWARD
 
 
-@helper
+@leaf
 def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
     """Write the bounds of curve ``row`` over [a, b] to ``out`` (SIZE,); ``work`` is (3, MAX_DEGREE + 2, 4)."""
     c = g.curves[row]
@@ -100,13 +101,14 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Flo
     n = int(c.dim)
     h = b - a
     p = c.degree
-    radius = np.zeros(3)
-    center = np.zeros(3)
+    radius = local_line(3)
+    center = local_line(3)
     w_min = 1.0
     w1 = 0.0
     w2 = 0.0
     r = 0.0
     for k in range(n):
+        radius[k], center[k] = 0.0, 0.0
         out[LOW + k] = np.inf
         out[HIGH + k] = -np.inf
     if c.rational:
@@ -159,7 +161,7 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Flo
         out[k] *= OUTWARD
 
 
-@helper
+@leaf
 def axis_distance(g: Tables, row: int, a: float, b: float, axis: int, work: Floats) -> float:
     """Largest distance of the curve over [a, b] from the axis of the frame at ``axis`` (offset in values)."""
     c = g.curves[row]
@@ -172,11 +174,11 @@ def axis_distance(g: Tables, row: int, a: float, b: float, axis: int, work: Floa
         curve_net(g, row, a, b, work[0], net)
         count = c.degree + 1
     else:
-        bounds = np.empty(SIZE)
+        bounds = local_line(SIZE)
         _conic_bounds(g, row, a, b, bounds)
         extra = bounds[D2] * (b - a) * (b - a) / 8.0
-        end = np.empty(6)
-        scratch = np.empty((2, 1))
+        end = local_line(6)
+        scratch = local_table(2, 1)
         for i in range(2):
             curve_point(g, row, a if i == 0 else b, scratch, end)
             for k in range(3):

@@ -31,18 +31,23 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line, local_table
+from nurbs_ooc.geometry.tables import MAX_DEGREE
 
 Floats = npt.NDArray[np.float64]
 
 # Rows of a bounds vector.
 LU, LV, MUU, MUV, MVV = 0, 1, 2, 3, 4
 
+# Numbers of the largest homogeneous net, one degree higher each way.
+LIFTED_SIZE = 4 * (MAX_DEGREE + 2) * (MAX_DEGREE + 2)
+
 # Outward rounding: a bound is the end of a chain of fewer than 200 roundings.
 OUTWARD = 1.0 + 2.0**-44
 
 
-@helper
+@leaf
 def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: int) -> float:
     """One component of a first (order 1), second (2) or mixed (3) difference of the flat net."""
     if order == 1:
@@ -52,7 +57,7 @@ def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: i
     return net[at + step_a + step_b + k] - net[at + step_a + k] - net[at + step_b + k] + net[at + k]
 
 
-@helper
+@leaf
 def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats) -> None:
     """``scale`` times the largest norm of the (di, dj) difference of the spatial part, and of the weights."""
     step_u = (q + 1) * dim
@@ -80,7 +85,7 @@ def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: flo
     out[1] = scale * best_w
 
 
-@helper
+@leaf
 def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
     """Bounds of the five derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights."""
     _largest(net, p, q, dim, 1, 0, p / h_u, out[LU])
@@ -90,10 +95,11 @@ def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: F
     _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV])
 
 
-@helper
+@leaf
 def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
     """Rows of ``a`` (3, 3): A at (0, 0), and its change over the box along u and along v."""
-    a[:] = 0.0
+    for k in range(3):
+        a[0, k], a[1, k], a[2, k] = 0.0, 0.0, 0.0
     for i in range(2):
         for j in range(2):
             at = (i * p * (q + 1) + j * q) * 4
@@ -106,7 +112,7 @@ def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
         a[0, k] -= 0.5 * (a[1, k] + a[2, k])
 
 
-@helper
+@leaf
 def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
     """The flat net of (w (S - A), w), of degrees (p + 1) x (q + 1): degree elevation with A taken off on the way."""
     for i in range(p + 2):
@@ -126,12 +132,12 @@ def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
                             out[to + k] += share * (net[at + k] - w * (a[0, k] + di * a[1, k] + dj * a[2, k]))
 
 
-@helper
+@leaf
 def _rational_bounds(net: Floats, p: int, q: int, h_u: float, h_v: float, sizes: Floats, out: Floats) -> None:
     """Bounds of a rational patch to ``out``; ``sizes`` (5, 2) is scratch."""
-    a = np.empty((3, 3))
+    a = local_table(3, 3)
     _affine_map(net, p, q, a)
-    lifted = np.empty((p + 2) * (q + 2) * 4)
+    lifted = local_line(LIFTED_SIZE)
     _less_affine(net, p, q, a, lifted)
     r = 0.0
     w_min = lifted[3]
@@ -151,10 +157,10 @@ def _rational_bounds(net: Floats, p: int, q: int, h_u: float, h_v: float, sizes:
     out[MVV] = (sizes[MVV, 0] + 2.0 * w_v * t_v + r * sizes[MVV, 1]) / w_min
 
 
-@helper
+@leaf
 def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
     """Write |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv| bounds of a flat net (p + 1, q + 1, dim) to ``out``."""
-    sizes = np.empty((5, 2))
+    sizes = local_table(5, 2)
     if dim == 4:
         _rational_bounds(net, p, q, h_u, h_v, sizes, out)
     else:
@@ -165,7 +171,7 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
         out[k] *= OUTWARD
 
 
-@helper
+@leaf
 def restrict_net(net: Floats, p: int, q: int, dim: int, box: Floats, out: Floats, line: Floats) -> None:
     """The net over the sub-box ``box`` = (s0, s1, t0, t1) of the unit square, by de Casteljau's algorithm.
 
@@ -191,7 +197,7 @@ def restrict_net(net: Floats, p: int, q: int, dim: int, box: Floats, out: Floats
                 out[(i * (q + 1) + j) * dim + k] = line[j, k]
 
 
-@helper
+@leaf
 def _restrict_line(line: Floats, p: int, dim: int, a: float, b: float) -> None:
     """Replace Bézier points over [0, 1] by those over [a, b], first cutting at b, then at a / b."""
     if b < 1.0:

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import net_bounds
 from nurbs_ooc.geometry.bspline import blossom
@@ -41,16 +42,16 @@ class Pieces(NamedTuple):
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
 
 
-@helper
-def piece_net(g: Tables, p: Pieces, row: int, piece: int) -> Floats:
-    """The flat net (degree_u + 1, degree_v + 1, 3 or 4) of a piece."""
+@leaf
+def net_range(g: Tables, p: Pieces, row: int, piece: int) -> tuple[int, int]:
+    """Where in ``nets`` the flat net (degree_u + 1, degree_v + 1, 3 or 4) of a piece begins and ends."""
     s = g.surfaces[row]
     size = (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3)
     at = p.table[row, NET] + (piece - p.table[row, FIRST]) * size
-    return p.nets[at : at + size]
+    return at, at + size
 
 
-@helper
+@leaf
 def _overlaps(a: float, b: float, low: float, high: float) -> bool:
     """Whether the span [a, b] has a part in the domain that is more than a domain end beside a knot."""
     if not a < b:
@@ -77,7 +78,7 @@ def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
                 n_v[row] += 1
 
 
-@helper
+@leaf
 def _list_spans(
     g: Tables, knots: int, n: int, degree: int, low: float, high: float, breaks: Floats, spans: Ints
 ) -> None:
@@ -92,7 +93,7 @@ def _list_spans(
             at += 1
 
 
-@helper
+@leaf
 def _piece_net(g: Tables, row: int, span_u: int, span_v: int, box: Floats, work: Floats, out: Floats) -> None:
     """Bézier net over ``box`` inside one span, by blossoming along u, then along v."""
     s = g.surfaces[row]
@@ -119,7 +120,7 @@ def _piece_net(g: Tables, row: int, span_u: int, span_v: int, box: Floats, work:
             blossom(g.values, s.knots_v, span_v, q, line[: q + 1, :dim], box[2], box[3], k, out[at : at + dim])
 
 
-@helper
+@leaf
 def _end_slope(
     p: Pieces, g: Tables, row: int, piece: int, along_u: bool, at_end: bool, other: int, h: float, out: Floats
 ) -> None:
@@ -141,12 +142,12 @@ def _end_slope(
             out[k] = sign * degree * (p.nets[near + k] - p.nets[far + k]) / h
 
 
-@helper
+@leaf
 def _crease(p: Pieces, g: Tables, row: int, along_u: bool, i: int) -> float:
     """Bound of the jump of the first derivative across break ``i`` (1 <= i < n) of a direction."""
     s = g.surfaces[row]
-    left = np.empty(3)
-    right = np.empty(3)
+    left = local_line(3)
+    right = local_line(3)
     degree = s.degree_v if along_u else s.degree_u
     count = p.table[row, N_V] if along_u else p.table[row, N_U]
     at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
@@ -172,7 +173,7 @@ def _crease(p: Pieces, g: Tables, row: int, along_u: bool, i: int) -> float:
     return worst * (1.0 if s.rational == 0 else 2.0)
 
 
-@helper
+@leaf
 def _multiple(g: Tables, knots: int, n: int, degree: int, value: float) -> bool:
     """Whether ``value`` is an inner knot of multiplicity >= degree."""
     count = 0
@@ -206,7 +207,8 @@ def _fill(g: Tables, p: Pieces) -> None:
                 piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
                 box[0], box[1] = breaks_u[i, 0], breaks_u[i + 1, 0]
                 box[2], box[3] = breaks_v[j, 0], breaks_v[j + 1, 0]
-                net = piece_net(g, p, row, piece)
+                start, end = net_range(g, p, row, piece)
+                net = p.nets[start:end]
                 _piece_net(g, row, spans_u[i], spans_v[j], box, work, net)
                 net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], p.bounds[piece])
         for i in range(1, p.table[row, N_U]):
@@ -248,7 +250,7 @@ def bezier_pieces(g: Tables) -> Pieces:
     return pieces
 
 
-@helper
+@leaf
 def find_break(p: Pieces, at: int, n: int, t: float) -> int:
     """The piece number in [0, n - 1] of one direction that holds ``t``."""
     low = 0
@@ -262,7 +264,7 @@ def find_break(p: Pieces, at: int, n: int, t: float) -> int:
     return low
 
 
-@helper
+@leaf
 def box_bounds(
     g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, work: Floats, out: Floats
 ) -> None:
@@ -285,7 +287,7 @@ def box_bounds(
         i += 1
 
 
-@helper
+@leaf
 def crease_charge(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float) -> float:
     """What creases inside the open box add to the deviation of a linear interpolant over it, mm.
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
 
 Floats = npt.NDArray[np.float64]
 
 
-@helper
+@leaf
 def find_span(values: Floats, knots: int, n: int, degree: int, t: float) -> int:
     """The i in [degree, n - 1] with U[i] <= t < U[i + 1], clamped to the ends and never an empty span."""
     low = degree
@@ -34,7 +34,7 @@ def find_span(values: Floats, knots: int, n: int, degree: int, t: float) -> int:
     return low
 
 
-@helper
+@leaf
 def basis(values: Floats, knots: int, span: int, degree: int, t: float, out: Floats, slope: Floats) -> None:
     """Write the degree + 1 non-zero basis functions at ``t`` to ``out`` and their derivatives to ``slope``."""
     out[0] = 1.0
@@ -64,7 +64,7 @@ def basis(values: Floats, knots: int, span: int, degree: int, t: float, out: Flo
         out[d] = saved
 
 
-@helper
+@leaf
 def blossom(
     values: Floats, knots: int, span: int, degree: int, points: Floats, a: float, b: float, n_b: int, out: Floats
 ) -> None:

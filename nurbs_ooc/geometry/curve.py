@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import CurveKind, GeometryBatch
 from nurbs_ooc.geometry.bspline import basis, find_span
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
@@ -18,7 +18,7 @@ NURBS = int(CurveKind.NURBS)
 ELLIPSE = int(CurveKind.ELLIPSE)
 
 
-@helper
+@leaf
 def curve_point(g: Tables, row: int, t: float, scratch: Floats, out: Floats) -> None:
     """Write C(t) to ``out[:dim]`` and C'(t) to ``out[3:3 + dim]``; ``scratch`` is (>= 2, MAX_DEGREE + 2)."""
     c = g.curves[row]

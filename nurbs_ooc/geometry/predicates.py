@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -19,14 +19,14 @@ LATTICE = 1 << 29  # size of the content; the enclosing box is at most twice as 
 IN_CIRCLE_MARGIN = 1e-12
 
 
-@helper
+@leaf
 def orient(points: Ints, a: int, b: int, c: int) -> int:
     """Twice the signed area of the triangle of rows a, b, c of ``points``; positive if counter-clockwise."""
     x, y = points[a, 0], points[a, 1]
     return (points[b, 0] - x) * (points[c, 1] - y) - (points[b, 1] - y) * (points[c, 0] - x)
 
 
-@helper
+@leaf
 def in_circle(points: Ints, scale: Floats, a: int, b: int, c: int, d: int) -> bool:
     """Whether d lies clearly inside the circle through a, b, c (counter-clockwise), axes scaled by ``scale`` (2,)."""
     x, y = points[d, 0], points[d, 1]

@@ -11,7 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import GeometryBatch, SurfaceKind
 from nurbs_ooc.geometry.bspline import basis, find_span
 from nurbs_ooc.geometry.curve import curve_point
@@ -34,7 +35,7 @@ POLE_SINE = 2.0**-39
 POLE_STEPS = (1e-7, 1e-5, 1e-3, 3e-2)
 
 
-@helper
+@leaf
 def _nurbs_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: Floats) -> None:
     """Tensor-product point and partials; ``scratch`` rows: N(u), N'(u), N(v), N'(v)."""
     s = g.surfaces[row]
@@ -71,7 +72,7 @@ def _nurbs_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
             out[6 + k] = (out[6 + k] - out[11] * out[k]) / w
 
 
-@helper
+@leaf
 def _swept_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: Floats) -> None:
     """Surfaces with a profile curve: revolution about the frame's axis, extrusion along it."""
     s = g.surfaces[row]
@@ -107,7 +108,7 @@ def _swept_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
     out[8] = h * z2 + cu * p2 + su * q2
 
 
-@helper
+@leaf
 def surface_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: Floats) -> None:
     """Write S, S_u, S_v to ``out[0:9]`` (size >= 12); ``scratch`` is (4, MAX_DEGREE + 2)."""
     s = g.surfaces[row]
@@ -144,7 +145,7 @@ def surface_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out:
         out[6 + k] = pv * x + qv * y + rv * z
 
 
-@helper
+@leaf
 def unit_cross(d: Floats, out: Floats) -> bool:
     """Write the unit vector of S_u x S_v (``d[3:9]``) to ``out``; False where it has no direction."""
     x = d[4] * d[8] - d[5] * d[7]
@@ -160,7 +161,7 @@ def unit_cross(d: Floats, out: Floats) -> bool:
     return True
 
 
-@helper
+@leaf
 def surface_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, d: Floats, out: Floats) -> bool:
     """Write the unit normal to the outside; at a pole the limit from inside the domain.
 
@@ -170,7 +171,7 @@ def surface_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, d: 
     s = g.surfaces[row]
     found = unit_cross(d, out)
     if not found:
-        near = np.empty(12)
+        near = local_line(12)
         for step in POLE_STEPS:
             un = u + (0.5 * (s.u0 + s.u1) - u) * step
             vn = v + (0.5 * (s.v0 + s.v1) - v) * step

@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, net_bounds, restrict_net
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, find_break, piece_net
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, find_break, net_range
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -51,7 +51,7 @@ class Cells(NamedTuple):
     box: Floats  # (n, 8): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|
 
 
-@helper
+@leaf
 def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: float) -> tuple[int, int]:
     """Fewest columns and rows (in product, nearly) whose triangles keep the error."""
     cu = a * a * muu / (8.0 * error)
@@ -97,7 +97,7 @@ class CellScratch(NamedTuple):
     sub: Floats  # (4,)
 
 
-@helper
+@leaf
 def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, out: Floats) -> bool:
     """Second-derivative bounds over a box to ``out`` (3,); True if it lies within one piece."""
     s = g.surfaces[row]
@@ -116,7 +116,8 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
             scratch.sub[2] = max((box[2] - a) / (b - a), 0.0)
             scratch.sub[3] = min((box[3] - a) / (b - a), 1.0)
             dim = 4 if s.rational else 3
-            net = piece_net(g, p, row, piece)
+            start, end = net_range(g, p, row, piece)
+            net = p.nets[start:end]
             if scratch.sub[0] > 0.0 or scratch.sub[1] < 1.0 or scratch.sub[2] > 0.0 or scratch.sub[3] < 1.0:
                 restrict_net(net, s.degree_u, s.degree_v, dim, scratch.sub, scratch.net, scratch.line)
                 net_bounds(scratch.net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], scratch.bounds)
@@ -130,7 +131,7 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
     return single
 
 
-@helper
+@leaf
 def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     """Where to split a box: at the knot nearest to its middle if there is one inside, else in the middle."""
     low, high = (box[0], box[1]) if along_u else (box[2], box[3])
@@ -163,7 +164,7 @@ def _grown(c: Cells, n: int) -> Cells:
     return Cells(node, box)
 
 
-@helper
+@leaf
 def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
     """Whether to split along u: the direction of more columns, or, at equal counts, of more knots."""
     nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
@@ -243,7 +244,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
     return Cells(c.node[:n], c.box[:n])
 
 
-@helper
+@leaf
 def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, stack: Ints, out: Floats) -> None:
     """Largest second-derivative bounds of the leaves that meet a parameter box, to ``out`` (3,)."""
     out[0], out[1], out[2] = 0.0, 0.0, 0.0

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.refine import Frame
@@ -66,7 +66,7 @@ def _with_room(o: Output, vertices: int, triangles: int, segments: int) -> Outpu
     )
 
 
-@helper
+@leaf
 def _put_vertex(o: Output, position: Floats, normal: Floats, u: float, v: float) -> int:
     at = o.n[0]
     for k in range(3):
@@ -77,7 +77,7 @@ def _put_vertex(o: Output, position: Floats, normal: Floats, u: float, v: float)
     return at
 
 
-@helper
+@leaf
 def _same_place(o: Output, a: int, b: int) -> bool:
     return (
         o.position[a, 0] == o.position[b, 0]

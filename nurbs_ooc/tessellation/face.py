@@ -12,7 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import LU, LV
@@ -56,7 +56,7 @@ GAP_SHARE = 0.5
 MAX_BLAMES = 256
 
 
-@helper
+@leaf
 def _metric(c: Cells) -> tuple[float, float]:
     """Root mean square density of columns and rows over the cells: points per parameter unit."""
     area = 0.0
@@ -72,7 +72,7 @@ def _metric(c: Cells) -> tuple[float, float]:
     return math.sqrt(su / area), math.sqrt(sv / area)
 
 
-@helper
+@leaf
 def _grid_points(c: Cells) -> float:
     """Grid points of all leaves together."""
     total = 0.0
@@ -82,19 +82,32 @@ def _grid_points(c: Cells) -> float:
     return total
 
 
-@helper
-def _ask(b: Boundary, owner: Ints, p: int, q: int, wanted: Ints) -> None:
-    """Ask for samples on the edge whose segment joins lattice points p and q, or on both points' edges."""
+@leaf
+def _ask(b: Boundary, i: int, parts: int, wanted: Ints) -> None:
+    """Ask that the boundary segment from point i be cut into that many parts."""
+    wanted[b.segment[i]] = max(wanted[b.segment[i]], parts)
+
+
+@leaf
+def _ask_between(b: Boundary, owner: Ints, p: int, q: int, parts: int, wanted: Ints) -> None:
+    """Ask for samples on the segment that joins lattice points p and q, or on those from either."""
     i, j = owner[p], owner[q]
     if i < 0 or j < 0:
         return
     if b.next[i] == j:
-        wanted[b.edge[i]] += 1
+        _ask(b, i, parts, wanted)
     elif b.next[j] == i:
-        wanted[b.edge[j]] += 1
+        _ask(b, j, parts, wanted)
     else:
-        wanted[b.edge[i]] += 1
-        wanted[b.edge[j]] += 1
+        _ask(b, i, parts, wanted)
+        _ask(b, j, parts, wanted)
+
+
+@leaf
+def _ask_all(b: Boundary, wanted: Ints) -> None:
+    """Ask that all segments be halved."""
+    for i in range(len(b.next)):
+        _ask(b, i, 2, wanted)
 
 
 @helper
@@ -109,12 +122,12 @@ def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: 
         if p != q and not insert_constraint(t, p, q, pairs, crossed):
             lost += 1
             longest = max(longest, segment_length(b, i))
-            wanted[b.edge[i]] += 1
-            _ask(b, owner, crossed[0], crossed[1], wanted)
+            _ask(b, i, 2, wanted)
+            _ask_between(b, owner, crossed[0], crossed[1], 2, wanted)
     return lost, longest
 
 
-@helper
+@leaf
 def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) -> None:
     """Insert the boundary points; ``point`` maps boundary to lattice points, ``owner`` the first back."""
     for i in range(len(point)):
@@ -125,7 +138,7 @@ def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) 
             owner[point[i]] = i
 
 
-@helper
+@leaf
 def _any_inside(t: Triangulation) -> bool:
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
@@ -140,7 +153,7 @@ def tessellate_face(
 ) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
-    With ``final`` False the face may ask for edge samples: it adds to ``wanted`` (by edge) and returns
+    With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts it must be cut into) and returns
     NEEDS_SAMPLES. Otherwise READY, with the boundary, the triangulation, the map of boundary to
     lattice points, the lattice frame, the largest triangle bound (mm), an extra trim error (mm), and
     status and reason of what had to be done.
@@ -155,8 +168,7 @@ def tessellate_face(
     flat = g.surfaces[row].kind == PLANE
     if empty:
         if not final:
-            for i in range(n):
-                wanted[b.edge[i]] += 1
+            _ask_all(b, wanted)
             return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
         return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
     cell_error = 1e300 if flat else target
@@ -184,13 +196,12 @@ def tessellate_face(
             flood_inside(t)
         if not _any_inside(t):
             if not final:
-                for i in range(n):
-                    wanted[b.edge[i]] += 1
+                _ask_all(b, wanted)
                 return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
             return READY, b, t, point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
         if flat:
             return READY, b, t, point, f, 0.0, extra, status, reason
-        blame = np.zeros(2 * MAX_BLAMES + 1, dtype=np.int64)
+        blame = np.zeros(3 * MAX_BLAMES + 1, dtype=np.int64)
         code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
         worst = 0.0
         if code == DONE:
@@ -202,6 +213,6 @@ def tessellate_face(
             status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, check)
         elif code != DONE and not final:
             for m in range(blame[0]):
-                _ask(b, owner, blame[2 * m + 1], blame[2 * m + 2], wanted)
+                _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
             return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
         return READY, b, t, point, f, worst, extra, status, reason

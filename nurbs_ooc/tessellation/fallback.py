@@ -12,14 +12,14 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
 Ints = npt.NDArray[np.int64]
 
 
-@helper
+@leaf
 def mask_inside(t: Triangulation, b: Boundary, point: Ints) -> None:
     """Set ``inside`` of every triangle by its centre and the loops ``b``; ``point`` maps them to lattice points."""
     for k in range(t.n[N_TRIANGLES]):
@@ -37,7 +37,7 @@ def mask_inside(t: Triangulation, b: Boundary, point: Ints) -> None:
         t.tri[k, INSIDE] = odd
 
 
-@helper
+@leaf
 def segment_length(b: Boundary, i: int) -> float:
     """Length in space of the boundary segment that starts at point i, mm."""
     total = 0.0
@@ -46,7 +46,7 @@ def segment_length(b: Boundary, i: int) -> float:
     return math.sqrt(total)
 
 
-@helper
+@leaf
 def box_diagonal(b: Boundary) -> float:
     """Diagonal of the box of all boundary points, mm."""
     total = 0.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -48,3 +49,56 @@ class MeshBatch:
     def certified_error(self) -> npt.NDArray[np.float64]:
         """(n,) mm: bound of the symmetric Hausdorff distance of each face to its triangles."""
         return self.surface_error + self.trim_error + self.pcurve_error
+
+
+def _rows(
+    start: npt.NDArray[np.int64], at: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Rows start[i]:start[i + 1] of all i in ``at``, one after the other, and where each one's begin."""
+    counts = start[at + 1] - start[at]
+    begins = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return np.arange(begins[-1]) + np.repeat(start[at] - begins[:-1], counts), begins
+
+
+def take_faces(mesh: MeshBatch, at: npt.NDArray[np.int64]) -> MeshBatch:
+    """The mesh of the faces at places ``at`` (n,) of ``mesh.faces``, in that order."""
+    vertices, vertex_start = _rows(mesh.vertex_start, at)
+    triangles, triangle_start = _rows(mesh.triangle_start, at)
+    segments, segment_start = _rows(mesh.segment_start, at)
+    shift = vertex_start[:-1] - mesh.vertex_start[at]
+    return MeshBatch(
+        faces=mesh.faces[at],
+        vertex_start=vertex_start,
+        triangle_start=triangle_start,
+        segment_start=segment_start,
+        positions=mesh.positions[vertices],
+        normals=mesh.normals[vertices],
+        parameters=mesh.parameters[vertices],
+        triangles=mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_start))[:, None],
+        segments=mesh.segments[segments] + np.repeat(shift, np.diff(segment_start))[:, None],
+        surface_error=mesh.surface_error[at],
+        trim_error=mesh.trim_error[at],
+        pcurve_error=mesh.pcurve_error[at],
+        status=mesh.status[at],
+        reason=mesh.reason[at],
+    )
+
+
+def join_meshes(meshes: Sequence[MeshBatch]) -> MeshBatch:
+    """All faces of some meshes (at least one), mesh after mesh."""
+    if len(meshes) == 1:
+        return meshes[0]
+
+    def starts(name: str) -> npt.NDArray[np.int64]:
+        counts = [np.diff(getattr(m, name)) for m in meshes]
+        return np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
+
+    def rows(name: str, first: npt.NDArray[np.int64] | None = None) -> npt.NDArray[np.generic]:
+        parts = [getattr(m, name) for m in meshes]
+        return np.concatenate(parts if first is None else [p + f for p, f in zip(parts, first, strict=True)])
+
+    first = np.concatenate([[0], np.cumsum([len(m.positions) for m in meshes])])[:-1]
+    whole = {f.name: rows(f.name) for f in fields(MeshBatch) if not f.name.endswith("_start")}
+    whole |= {"triangles": rows("triangles", first), "segments": rows("segments", first)}
+    whole |= {name: starts(name) for name in ("vertex_start", "triangle_start", "segment_start")}
+    return MeshBatch(**whole)

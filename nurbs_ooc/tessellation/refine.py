@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, crease_charge
@@ -40,6 +40,8 @@ Ints = npt.NDArray[np.int64]
 # Grid points closer than this part of their spacing to a point or a boundary edge are left out.
 CLEARANCE = 0.45
 DONE, FULL, LONG_EDGE = 0, 1, 2
+# A boundary edge is cut into so many parts at once at most: its neighbour has not been asked.
+MOST_PARTS = 8
 
 
 class Frame(NamedTuple):
@@ -60,7 +62,7 @@ class Check(NamedTuple):
     stack: Ints
 
 
-@helper
+@leaf
 def _too_close(t: Triangulation, k: int, p: int, hx: float, hy: float) -> bool:
     """Whether point p is too near to a corner or a boundary edge of its triangle, in units of the grid."""
     for i in range(3):
@@ -78,7 +80,7 @@ def _too_close(t: Triangulation, k: int, p: int, hx: float, hy: float) -> bool:
     return False
 
 
-@helper
+@leaf
 def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
     """Insert a grid point if it lies inside and clear of what is there; FULL if there is no room."""
     p = t.n[N_POINTS]
@@ -93,7 +95,7 @@ def _offer(t: Triangulation, px: int, py: int, hx: float, hy: float) -> int:
     return DONE
 
 
-@helper
+@leaf
 def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
     """Offer the grid points of all leaves that do not lie on the root's border, neighbours after each other."""
     root = c.box[0]
@@ -125,7 +127,7 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
     return DONE
 
 
-@helper
+@leaf
 def _box_bound(
     g: Tables, p: Pieces, row: int, c: Cells, u0: float, u1: float, v0: float, v1: float, check: Check
 ) -> float:
@@ -142,7 +144,7 @@ def _box_bound(
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0 + charge
 
 
-@helper
+@leaf
 def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
     """Deviation bound of triangle k, mm; its box is half a lattice step wider, for its corners were rounded."""
     q = t.points
@@ -154,7 +156,7 @@ def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation,
     return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
 
 
-@helper
+@leaf
 def _edge_bound(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, i: int, check: Check
 ) -> float:
@@ -169,14 +171,14 @@ def _edge_bound(
     return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
 
 
-@helper
+@leaf
 def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
     """The bound of the edge a-b alone, under the second derivatives ``m``."""
     x, y = abs(t.points[a, 0] - t.points[b, 0]) * f.du, abs(t.points[a, 1] - t.points[b, 1]) * f.dv
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
 
 
-@helper
+@leaf
 def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float) -> None:
     """Let the in-circle test see lengths as the error does here, flat directions as long as the face."""
     root = c.box[0]
@@ -184,7 +186,7 @@ def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float
     t.scale[1] = f.dv * max(math.sqrt(m[2] / (8.0 * target)), 1.0 / (root[3] - root[2]))
 
 
-@helper
+@leaf
 def _longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, float, int, float]:
     """The longest free and the longest boundary edge of triangle k, each with its length as the error sees it."""
     longest_free = -1.0
@@ -201,7 +203,7 @@ def _longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, 
     return free, longest_free, fixed, longest_fixed
 
 
-@helper
+@leaf
 def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
     """Insert a point on edge ``free`` of triangle k, or, if that is -1, between ``fixed`` and the corner opposite."""
     p = t.n[N_POINTS]
@@ -225,22 +227,27 @@ def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
     return DONE
 
 
-@helper
-def _blame(t: Triangulation, k: int, i: int, blame: Ints) -> None:
-    """Note the ends of edge i of k as a boundary edge that is too long; ``blame[0]`` counts them."""
-    if 2 * blame[0] + 2 < len(blame):
-        blame[2 * blame[0] + 1], blame[2 * blame[0] + 2] = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+@leaf
+def _blame(t: Triangulation, k: int, i: int, excess: float, blame: Ints) -> None:
+    """Note a boundary edge, i of k, whose bound is ``excess`` times the target: its ends, the parts it needs.
+
+    ``blame[0]`` counts them.
+    """
+    at = 3 * blame[0] + 1
+    if at + 2 < len(blame):
+        blame[at], blame[at + 1] = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        blame[at + 2] = min(max(2, math.ceil(math.sqrt(excess))), MOST_PARTS)
         blame[0] += 1
 
 
-@helper
+@leaf
 def certify(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check, blame: Ints
 ) -> tuple[int, float]:
     """Refine until every inner triangle's bound is within ``target`` (mm).
 
     Returns a code (DONE; FULL: the arrays are too small; LONG_EDGE: boundary edges are too long for
-    this surface; ``blame`` gives their number, then the two points of each) and the largest bound of any triangle.
+    this surface; ``blame`` gives their number, then of each its two points and how many parts it needs) and the largest bound of any triangle.
     """
     worst = 0.0
     again = True
@@ -258,8 +265,9 @@ def certify(
                 before = t.n[N_POINTS]
                 _local_metric(t, c, f, check.second, target)
                 free, q_free, fixed, q_fixed = _longest_edges(t, f, k, check.second)
-                if q_fixed > target and _edge_bound(g, p, row, c, f, t, k, fixed, check) > target:
-                    _blame(t, k, fixed, blame)
+                alone = _edge_bound(g, p, row, c, f, t, k, fixed, check) if q_fixed > target else 0.0
+                if alone > target:
+                    _blame(t, k, fixed, alone / target, blame)
                     code = LONG_EDGE
                 elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
                     return FULL, worst
@@ -268,7 +276,7 @@ def certify(
     return code, worst_bound(g, p, row, c, f, t, check)
 
 
-@helper
+@leaf
 def worst_bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, check: Check) -> float:
     """The largest deviation bound of any inner triangle, mm."""
     worst = 0.0

@@ -1,6 +1,6 @@
 """Certified triangles of the faces of a part: the driver of the stages in this folder.
 
-pieces -> edge samples -> faces -> (edges that need more samples -> again) -> mesh
+pieces -> edge samples -> faces -> (segments that need more samples -> the faces beside them again) -> mesh
 """
 
 from __future__ import annotations
@@ -14,20 +14,22 @@ import numpy.typing as npt
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
+from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.pieces import Pieces, bezier_pieces
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
-from nurbs_ooc.tessellation.edges import EdgeSamples, EdgeUses, edge_uses, sample_edges
+from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
+from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
 from nurbs_ooc.tessellation.face import BOX_AS_POINTS, NEEDS_SAMPLES, tessellate_face
-from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
 from nurbs_ooc.tessellation.refine import Check
 from nurbs_ooc.tessellation.workers import chunk_runner
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Rounds of "more samples on these edges", each of which doubles them.
+# Rounds of "more samples on these segments".
 MAX_ROUNDS = 7
 # Smallest error that is taken at its word, relative to the size of the coordinates: a few units of roundoff.
 SMALLEST_ERROR = 2.0**-46
@@ -79,7 +81,7 @@ def _run_faces(
     g: Tables, pieces: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints,
     run: Callable[..., list[Any]],
 ) -> list[Any]:  # fmt: skip
-    """All faces in chunks; ``wanted`` is summed over the threads' own counts."""
+    """All faces in chunks; ``wanted`` (n_samples,) becomes the largest of the threads' own."""
 
     def chunk(low: int, high: int) -> Any:
         own = np.zeros_like(wanted)
@@ -87,7 +89,7 @@ def _run_faces(
 
     results = run(chunk, len(faces))
     for result in results:
-        wanted += result[4]
+        np.maximum(wanted, result[4], out=wanted)
     return results
 
 
@@ -99,7 +101,7 @@ def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
 
 
 def _join(geometry: GeometryBatch, faces: Ints, results: list[Any], error: float) -> MeshBatch:
-    """Concatenate the chunks' arrays into one mesh."""
+    """Concatenate the chunks' arrays into one mesh; faces that wait for samples have no vertices in it."""
     counts = [np.diff(r[1], axis=0, prepend=np.zeros((1, 3), np.int64)) for r in results]
     per_face = np.concatenate(counts) if counts else np.zeros((0, 3), np.int64)
     starts = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(per_face, axis=0)])
@@ -133,53 +135,19 @@ def _join(geometry: GeometryBatch, faces: Ints, results: list[Any], error: float
     )
 
 
-def _gather(start: Ints, faces: Ints) -> tuple[Ints, Ints]:
-    """Rows start[f]:start[f + 1] of all ``faces``, one after the other, and where each face's begin."""
-    counts = start[faces + 1] - start[faces]
-    begins = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return np.arange(begins[-1]) + np.repeat(start[faces] - begins[:-1], counts), begins
+def _waiting(results: list[Any]) -> npt.NDArray[np.bool_]:
+    """Mask of the faces of a round that asked for samples."""
+    return np.concatenate([r[2][:, 0] == NEEDS_SAMPLES for r in results]) if results else np.zeros(0, bool)
 
 
-def select_faces(mesh: MeshBatch, faces: Ints) -> MeshBatch:
-    """The mesh of some faces of a mesh.
-
-    Args:
-        mesh: its ``faces`` ascending.
-        faces: (n,) of those rows, in the order wanted.
-    """
-    at = np.searchsorted(mesh.faces, faces)
-    vertices, vertex_start = _gather(mesh.vertex_start, at)
-    triangles, triangle_start = _gather(mesh.triangle_start, at)
-    segments, segment_start = _gather(mesh.segment_start, at)
-    shift = vertex_start[:-1] - mesh.vertex_start[at]
-    return MeshBatch(
-        faces=faces,
-        vertex_start=vertex_start,
-        triangle_start=triangle_start,
-        segment_start=segment_start,
-        positions=mesh.positions[vertices],
-        normals=mesh.normals[vertices],
-        parameters=mesh.parameters[vertices],
-        triangles=mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_start))[:, None],
-        segments=mesh.segments[segments] + np.repeat(shift, np.diff(segment_start))[:, None],
-        surface_error=mesh.surface_error[at],
-        trim_error=mesh.trim_error[at],
-        pcurve_error=mesh.pcurve_error[at],
-        status=mesh.status[at],
-        reason=mesh.reason[at],
-    )
-
-
-def _with_neighbours(g: Tables, uses: EdgeUses, faces: Ints) -> Ints:
-    """The faces and all that share an edge with one of them; unchanged if they are all of the part."""
-    if len(faces) == len(g.surfaces):
-        return faces
-    inside = np.zeros(len(g.surfaces) + 1, bool)  # the last for coedges of no surface
-    inside[faces] = True
-    touched = np.zeros(len(g.edges), bool)
-    touched[g.coedges["edge"][inside[uses.surface]]] = True
-    inside[uses.surface[touched[g.coedges["edge"]]]] = True
-    return np.flatnonzero(inside[:-1])
+def _latest(rounds: list[MeshBatch], faces: Ints) -> MeshBatch:
+    """Each of ``faces`` as the last round that did it left it."""
+    if len(rounds) == 1 and np.array_equal(rounds[0].faces, faces):
+        return rounds[0]
+    mesh = join_meshes(rounds)
+    place = np.full(int(mesh.faces.max(initial=-1)) + 1, -1, np.int64)
+    place[mesh.faces] = np.arange(len(mesh.faces))
+    return take_faces(mesh, place[faces])
 
 
 def _checked_error(geometry: GeometryBatch, chord_error: float) -> float:
@@ -228,14 +196,18 @@ def tessellate(
     pieces = bezier_pieces(g)
     uses = edge_uses(g)
     wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
-    rows = _with_neighbours(g, uses, wished)
-    boost = np.zeros(len(g.edges), np.int64)
+    samples = sample_edges(g, pieces, curve_pieces(g), uses, error, run)
+    rows = with_neighbours(g, uses, wished)
+    rounds = []
     for turn in range(MAX_ROUNDS + 1):
-        samples = sample_edges(g, pieces, uses, error, boost, run)
-        wanted = np.zeros(len(g.edges), np.int64)
-        results = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, wanted, run)
-        if not wanted.any() or turn == MAX_ROUNDS:
+        parts = np.zeros(len(samples.t), np.int64)
+        results = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
+        rounds.append(_join(geometry, rows, results, error))
+        if not parts.any() or turn == MAX_ROUNDS:
             break
-        boost += wanted > 0
-    mesh = _join(geometry, rows, results, error)
-    return mesh if np.array_equal(rows, wished) else select_faces(mesh, wished)
+        samples, changed = split_segments(g, samples, parts, run)
+        # Once more: who asked, and who looks at an edge that has changed.
+        again = faces_of_edges(g, uses, changed)
+        again[rows[_waiting(results)]] = True
+        rows = np.intersect1d(np.flatnonzero(again), rounds[0].faces)
+    return _latest(rounds, wished)

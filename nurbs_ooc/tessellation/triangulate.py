@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.geometry.predicates import LATTICE, in_circle, orient
 
 Floats = npt.NDArray[np.float64]
@@ -78,7 +78,7 @@ def new_triangulation(capacity: int, sx: float, sy: float) -> Triangulation:
     return t
 
 
-@helper
+@leaf
 def _corner(t: Triangulation, triangle: int, point: int) -> int:
     """Which corner of ``triangle`` is ``point``."""
     if t.tri[triangle, 0] == point:
@@ -86,7 +86,7 @@ def _corner(t: Triangulation, triangle: int, point: int) -> int:
     return 1 if t.tri[triangle, 1] == point else 2
 
 
-@helper
+@leaf
 def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
     """Which edge of ``triangle`` leads to ``neighbour``."""
     if t.tri[triangle, ADJACENT] == neighbour:
@@ -94,7 +94,7 @@ def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
     return 1 if t.tri[triangle, ADJACENT + 1] == neighbour else 2
 
 
-@helper
+@leaf
 def _set(
     t: Triangulation, k: int, a: int, b: int, c: int, n0: int, n1: int, n2: int, f0: int, f1: int, f2: int
 ) -> None:
@@ -106,14 +106,14 @@ def _set(
     t.points[a, 2], t.points[b, 2], t.points[c, 2] = k, k, k
 
 
-@helper
+@leaf
 def _relink(t: Triangulation, triangle: int, old: int, new: int) -> None:
     """The neighbour ``old`` of ``triangle`` is now ``new``."""
     if triangle >= 0:
         t.tri[triangle, ADJACENT + _side(t, triangle, old)] = new
 
 
-@helper
+@leaf
 def flip(t: Triangulation, k: int, i: int) -> None:
     """Turn the diagonal opposite corner i of ``k``: (p, a, b) and (d, b, a) become (p, a, d) and (p, d, b)."""
     o = t.tri[k, ADJACENT + i]
@@ -129,7 +129,7 @@ def flip(t: Triangulation, k: int, i: int) -> None:
     _relink(t, n_bp, k, o)
 
 
-@helper
+@leaf
 def _legalise(t: Triangulation, top: int) -> None:
     """Flip edges opposite the new point (corner 0 of the ``top`` stacked triangles) until all are Delaunay."""
     while top > 0:
@@ -148,7 +148,7 @@ def _legalise(t: Triangulation, top: int) -> None:
                 top += 2
 
 
-@helper
+@leaf
 def locate(t: Triangulation, p: int) -> tuple[int, int]:
     """Walk to the triangle that holds lattice point ``p`` (coordinates at row p of x, y).
 
@@ -182,7 +182,7 @@ def locate(t: Triangulation, p: int) -> tuple[int, int]:
     return k, on
 
 
-@helper
+@leaf
 def _search(t: Triangulation, p: int) -> int:
     """The triangle that holds p, by looking at all."""
     for k in range(t.n[N_TRIANGLES]):
@@ -192,7 +192,7 @@ def _search(t: Triangulation, p: int) -> int:
     return 0
 
 
-@helper
+@leaf
 def split(t: Triangulation, k: int, on: int, p: int) -> None:
     """Insert point ``p`` into triangle k (``on`` = 3) or on its edge ``on``, then restore Delaunay."""
     m = t.n[N_TRIANGLES]
@@ -234,7 +234,7 @@ def split(t: Triangulation, k: int, on: int, p: int) -> None:
     _legalise(t, 4)
 
 
-@helper
+@leaf
 def insert_point(t: Triangulation, px: int, py: int) -> int:
     """Insert a lattice point; the number of the point there, old or new."""
     p = t.n[N_POINTS]
@@ -247,7 +247,7 @@ def insert_point(t: Triangulation, px: int, py: int) -> int:
     return p
 
 
-@helper
+@leaf
 def find_edge(t: Triangulation, a: int, b: int) -> tuple[int, int]:
     """Triangle and index of the edge a-b, turning about a; (-1, 0) if there is none."""
     start = t.points[a, 2]
@@ -263,7 +263,7 @@ def find_edge(t: Triangulation, a: int, b: int) -> tuple[int, int]:
             return -1, 0
 
 
-@helper
+@leaf
 def _mark(t: Triangulation, k: int, i: int) -> None:
     """Count one more constraint along edge i of k, on both sides."""
     o = t.tri[k, ADJACENT + i]
@@ -272,14 +272,14 @@ def _mark(t: Triangulation, k: int, i: int) -> None:
         t.tri[o, FIXED + _side(t, o, k)] += 1
 
 
-@helper
+@leaf
 def _along(t: Triangulation, a: int, r: int, b: int) -> int:
     """Positive if r lies on the same side of a as b, for r on their line."""
     dx, dy = t.points[r, 0] - t.points[a, 0], t.points[r, 1] - t.points[a, 1]
     return dx * (t.points[b, 0] - t.points[a, 0]) + dy * (t.points[b, 1] - t.points[a, 1])
 
 
-@helper
+@leaf
 def _first_crossing(t: Triangulation, a: int, b: int) -> tuple[int, int, int]:
     """The triangle at a through which a-b leaves: (triangle, corner of a, -1), or (-1, 0, point) on the way."""
     start = t.points[a, 2]
@@ -300,7 +300,7 @@ def _first_crossing(t: Triangulation, a: int, b: int) -> tuple[int, int, int]:
             return -1, 0, -1
 
 
-@helper
+@leaf
 def _collect(t: Triangulation, a: int, b: int, k: int, i: int, pairs: Ints) -> tuple[int, int, int]:
     """List the edges that a-b crosses, starting opposite corner i of k.
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.geometry.curve import curve_point
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
@@ -32,13 +32,13 @@ class Boundary(NamedTuple):
     position: Floats  # (n, 3) mm, of the shared edge sample
     normal: Floats  # (n, 3)
     next: Ints  # (n,)
-    edge: Ints  # (n,) edge of the segment that starts here
+    segment: Ints  # (n,) number, among the edge samples, of the segment that starts here
     box: Floats  # (4,) u0, u1, v0, v1 of all points
     trim: float  # mm, bound of the slivers between p-curves and segments
     gap: float  # mm, largest distance between a position and the surface at its (u, v)
 
 
-@helper
+@leaf
 def _count_points(g: Tables, samples: EdgeSamples, row: int) -> int:
     s = g.surfaces[row]
     n = 0
@@ -58,7 +58,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
     position = np.empty((n, 3))
     normal = np.empty((n, 3))
     follow = np.empty(n, dtype=np.int64)
-    edges = np.empty(n, dtype=np.int64)
+    segments = np.empty(n, dtype=np.int64)
     scratch = np.empty((4, MAX_DEGREE + 2))
     point = np.empty(12)
     trim = 0.0
@@ -91,7 +91,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
                 for d in range(3):
                     position[at, d] = samples.position[k, d]
                 follow[at] = at + 1
-                edges[at] = e
+                segments[at] = k - 1 if coedge.reversed else k
                 at += 1
         if at > start:
             follow[at - 1] = start
@@ -99,10 +99,10 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
     if n > 0:
         box[0], box[1] = uv[:, 0].min(), uv[:, 0].max()
         box[2], box[3] = uv[:, 1].min(), uv[:, 1].max()
-    return Boundary(uv, position, normal, follow, edges, box, trim, gap)
+    return Boundary(uv, position, normal, follow, segments, box, trim, gap)
 
 
-@helper
+@leaf
 def to_lattice(value: float, low: float, high: float) -> int:
     """The lattice coordinate of a parameter in [low, high]."""
     return int(math.floor((value - low) / (high - low) * LATTICE + 0.5))

@@ -1,0 +1,92 @@
+"""Pieces of all curves of a part between their knots, each with its bounds: computed once, looked up often."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import kernel, leaf
+from nurbs_ooc.bounds.curve_bounds import NURBS, SIZE, curve_bounds
+from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# Pieces shorter than this part of the curve's range are left to their neighbours.
+SHORTEST = 1e-12
+
+
+class CurvePieces(NamedTuple):
+    """Pieces ``first[c]:first[c + 1]`` of curve c follow one another along its used range."""
+
+    first: Ints  # (n_curves + 1,)
+    start: Floats  # (n_pieces,) parameter at which a piece begins
+    bounds: Floats  # (n_pieces, SIZE), see ``curve_bounds``
+
+
+@leaf
+def _next_break(g: Tables, row: int, at: float) -> float:
+    """The first knot of curve ``row`` clearly beyond ``at``, or the end of its range."""
+    c = g.curves[row]
+    if c.kind != NURBS:
+        return float(c.t1)
+    clear = SHORTEST * (c.t1 - c.t0)
+    for i in range(c.degree + 1, c.n):
+        knot = g.values[c.knots + i]
+        if knot > at + clear and knot < c.t1 - clear:
+            return float(knot)
+    return float(c.t1)
+
+
+@kernel
+def _count(g: Tables, counts: Ints) -> None:
+    for row in range(len(g.curves)):
+        c = g.curves[row]
+        if not c.t0 < c.t1:
+            continue
+        at = c.t0
+        while at < c.t1:
+            at = _next_break(g, row, at)
+            counts[row] += 1
+
+
+@kernel
+def _fill(g: Tables, p: CurvePieces) -> None:
+    work = np.empty((3, MAX_DEGREE + 2, 4))
+    for row in range(len(g.curves)):
+        at = g.curves[row].t0
+        for k in range(p.first[row], p.first[row + 1]):
+            end = _next_break(g, row, at)
+            p.start[k] = at
+            curve_bounds(g, row, at, end, work, p.bounds[k])
+            at = end
+
+
+def curve_pieces(g: Tables) -> CurvePieces:
+    """Bounds of every piece of every curve of a part.
+
+    Args:
+        g: the part's tables.
+    """
+    counts = np.zeros(len(g.curves), np.int64)
+    _count(g, counts)
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    pieces = CurvePieces(first, np.zeros(first[-1]), np.zeros((first[-1], SIZE)))
+    _fill(g, pieces)
+    return pieces
+
+
+@leaf
+def piece_at(p: CurvePieces, row: int, t: float) -> int:
+    """The piece of curve ``row`` that holds ``t``; the curve has one at least."""
+    low = p.first[row]
+    high = p.first[row + 1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if p.start[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -1,0 +1,244 @@
+"""How densely an edge must be sampled: along it, bounds of second derivatives in units of the error.
+
+Every edge is cut where any of its curves (the 3D curve and the p-curve of each face that uses it)
+has a knot, so that on each interval second derivatives are bounded. From them follow, per interval
+and in units of the allowed error, three demands: the chord in space, the sliver between p-curve and
+its chord carried into space, and the surface's own deviation along the chord.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import leaf
+from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, curve_bounds
+from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
+from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
+from nurbs_ooc.bounds.pieces import Pieces, box_bounds
+from nurbs_ooc.geometry.curve import NURBS
+from nurbs_ooc.geometry.surface import NURBS as NURBS_SURFACE
+from nurbs_ooc.geometry.surface import PLANE
+from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.edge_uses import EdgeUses
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.uint8]
+Ints = npt.NDArray[np.int64]
+
+# Share of the error that slivers of curved p-curves may take on curved surfaces; the rest is the surface's.
+TRIM_SHARE = 0.25
+# The surface's deviation along the boundary leaves at least this share to the direction across it.
+ACROSS_SHARE = 0.5
+# An interval that needs several samples is measured again in parts, one for so many samples, at most MAX_PARTS.
+SAMPLES_PER_PART = 2.0
+MAX_PARTS = 16
+# Breaks closer than this part of the edge are one.
+SAME_BREAK = 1e-12
+# Faces at one edge whose slivers are told apart; those of further ones count as the largest.
+MAX_USES = 8
+
+
+class Demand(NamedTuple):
+    """Intervals of one edge: interval k lies between breaks k and k + 1. Rows beyond its count are scratch."""
+
+    breaks: Floats  # (n + 1,)
+    fixed: Flags  # (n + 1,) 1: a sample must lie here
+    demand: Floats  # (n,) bound of second derivatives in units of the error
+    sliver: Floats  # (MAX_USES, n) mm, by use: second-derivative bound of the sliver beside the p-curve's chord
+    knots: Floats  # scratch
+    full: Flags  # scratch
+    work: Floats  # (3, MAX_DEGREE + 2, 4) scratch
+    part: Floats  # (SIZE,) scratch
+    bounds: Floats  # (5,) scratch
+    trims: Floats  # (MAX_USES,) scratch
+
+
+@leaf
+def _add_knots(g: Tables, row: int, t0: float, t1: float, breaks: Floats, forced: Flags, n: int) -> int:
+    """Append the inner knots of curve ``row``, mapped to the edge's [t0, t1]; full knots are forced."""
+    c = g.curves[row]
+    if c.kind != NURBS:
+        return n
+    scale = (t1 - t0) / (c.t1 - c.t0)
+    i = c.degree + 1
+    while i < c.n:
+        knot = g.values[c.knots + i]
+        multiplicity = 1
+        while i + multiplicity < c.n and g.values[c.knots + i + multiplicity] == knot:
+            multiplicity += 1
+        if c.t0 < knot < c.t1:
+            breaks[n] = t0 + (knot - c.t0) * scale
+            forced[n] = 1 if multiplicity >= c.degree else 0
+            n += 1
+        i += multiplicity
+    return n
+
+
+@leaf
+def _sort_breaks(breaks: Floats, forced: Flags, n: int) -> int:
+    """Sort in place (runs of a few sorted lists) and merge those that are the same; the ends stay as they are."""
+    span = breaks[1] - breaks[0]
+    gap = 1
+    while gap < n // 3:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, n):
+            value, flag = breaks[i], forced[i]
+            k = i
+            while k >= gap and breaks[k - gap] > value:
+                breaks[k], forced[k] = breaks[k - gap], forced[k - gap]
+                k -= gap
+            breaks[k], forced[k] = value, flag
+        gap //= 3
+    m = 1
+    for i in range(1, n):
+        if breaks[i] - breaks[m - 1] <= SAME_BREAK * span:
+            forced[m - 1] = max(forced[m - 1], forced[i])
+            continue
+        breaks[m], forced[m] = breaks[i], forced[i]
+        m += 1
+    return m
+
+
+@leaf
+def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool, work: Floats, out: Floats) -> None:
+    """Bounds of curve ``row`` over [a, b]: its own if ``exact``, else those of the whole piece around."""
+    if exact:
+        curve_bounds(g, row, a, b, work, out)
+    else:
+        k = piece_at(c, row, 0.5 * (a + b))
+        for i in range(len(out)):
+            out[i] = c.bounds[k, i]
+
+
+@leaf
+def _demand(
+    g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, a: float, b: float, error: float, exact: bool,
+    d: Demand,
+) -> float:  # fmt: skip
+    """Largest second-derivative demand on [a, b] of the edge in units of the error; slivers to ``d.trims`` in mm."""
+    edge = g.edges[e]
+    part, bounds = d.part, d.bounds
+    worst = 0.0
+    if edge.curve >= 0:
+        _bounds(g, c, edge.curve, a, b, exact, d.work, part)
+        worst = part[D2] / error
+    for k in range(MAX_USES):
+        d.trims[k] = 0.0
+    for use in range(uses.first[e], uses.first[e + 1]):
+        coedge = g.coedges[uses.coedge[use]]
+        row = uses.surface[uses.coedge[use]]
+        if row < 0 or g.surfaces[row].status == 3:
+            continue
+        s = g.surfaces[row]
+        curve = g.curves[coedge.pcurve]
+        scale = (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
+        low, high = curve.t0 + (a - edge.t0) * scale, curve.t0 + (b - edge.t0) * scale
+        _bounds(g, c, coedge.pcurve, low, high, exact, d.work, part)
+        square = scale * scale
+        u0, u1, v0, v1 = part[LOW], part[HIGH], part[LOW + 1], part[HIGH + 1]
+        if edge.curve < 0:
+            # A pole has no length: let the columns of the whole face decide.
+            u0, u1, v0, v1 = s.u0, s.u1, s.v0, s.v1
+        box_bounds(g, p, row, u0, u1, v0, v1, d.work, bounds)
+        if edge.curve >= 0:
+            if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:
+                sliver = bounds[LU] * part[D2] * square
+                worst = max(worst, sliver / error)
+            else:
+                sliver = (bounds[LU] * part[D2_X] + bounds[LV] * part[D2_X + 1]) * square
+                worst = max(worst, sliver / (error * (1.0 if s.kind == PLANE else TRIM_SHARE)))
+            slot = min(use - uses.first[e], MAX_USES - 1)
+            d.trims[slot] = max(d.trims[slot], sliver)
+        du, dv = part[D1_X], part[D1_X + 1]
+        bend = (bounds[MUU] * du * du + 2.0 * bounds[MUV] * du * dv + bounds[MVV] * dv * dv) * square
+        if bend > 0.0:
+            curved = part[D2_X] > 0.0 or part[D2_X + 1] > 0.0
+            share = (1.0 - TRIM_SHARE) if curved else 1.0
+            # What a triangle as deep as the whole face would need across the boundary.
+            if bounds[MUU] * du * du >= bounds[MVV] * dv * dv:
+                across = (s.v1 - s.v0) ** 2 * bounds[MVV] / (8.0 * error)
+            else:
+                across = (s.u1 - s.u0) ** 2 * bounds[MUU] / (8.0 * error)
+            if bounds[MUV] > 0.0:
+                across = 1.0
+            share *= max(1.0 - across, ACROSS_SHARE)
+            worst = max(worst, bend / (error * share))
+    return worst
+
+
+@leaf
+def _even(g: Tables, uses: EdgeUses, e: int) -> bool:
+    """Whether the demand is the same all along each interval, as on lines and arcs of analytic faces."""
+    edge = g.edges[e]
+    if edge.curve >= 0:
+        c = g.curves[edge.curve]
+        if c.kind == NURBS and (c.rational != 0 or c.degree > 2):
+            return False
+    for use in range(uses.first[e], uses.first[e + 1]):
+        row = uses.surface[uses.coedge[use]]
+        c = g.curves[g.coedges[uses.coedge[use]].pcurve]
+        flat = row >= 0 and g.surfaces[row].kind == PLANE
+        if row >= 0 and g.surfaces[row].kind == NURBS_SURFACE:
+            return False
+        if not flat and (c.kind != NURBS or c.degree > 1):
+            return False
+        if flat and c.kind == NURBS and (c.rational != 0 or c.degree > 2):
+            return False
+    return True
+
+
+@leaf
+def break_room(g: Tables, uses: EdgeUses, e: int) -> int:
+    """Upper limit of the number of breaks of edge ``e`` before intervals are cut in parts."""
+    edge = g.edges[e]
+    room = 2
+    if edge.curve >= 0:
+        room += g.curves[edge.curve].n
+    for use in range(uses.first[e], uses.first[e + 1]):
+        room += g.curves[g.coedges[uses.coedge[use]].pcurve].n
+    return room
+
+
+@leaf
+def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, error: float, d: Demand) -> int:
+    """Fill ``d`` for edge ``e`` and an error in mm; returns the number of intervals, refined where uneven.
+
+    ``d`` has room for MAX_PARTS times ``break_room`` intervals.
+    """
+    edge = g.edges[e]
+    d.knots[0], d.knots[1] = edge.t0, edge.t1
+    d.full[0], d.full[1] = 1, 1
+    n = 2
+    if edge.curve >= 0:
+        n = _add_knots(g, edge.curve, edge.t0, edge.t1, d.knots, d.full, n)
+    for use in range(uses.first[e], uses.first[e + 1]):
+        n = _add_knots(g, g.coedges[uses.coedge[use]].pcurve, edge.t0, edge.t1, d.knots, d.full, n)
+    n = _sort_breaks(d.knots, d.full, n)
+    even = _even(g, uses, e)
+    at = 0
+    for k in range(n - 1):
+        start, end = d.knots[k], d.knots[k + 1]
+        whole = _demand(g, p, c, uses, e, start, end, error, False, d)
+        expected = math.sqrt(whole / 8.0) * (end - start)
+        parts = 1
+        if expected > 1.5 and not even:
+            parts = min(MAX_PARTS, math.ceil(expected / SAMPLES_PER_PART))
+        for i in range(parts):
+            a = start + (end - start) * i / parts
+            b = start + (end - start) * (i + 1) / parts
+            d.breaks[at] = a
+            d.fixed[at] = d.full[k] if i == 0 else 0
+            d.demand[at] = whole
+            if expected > 1.5 and not even:
+                d.demand[at] = min(_demand(g, p, c, uses, e, a, b, error, True, d), whole)
+            for m in range(MAX_USES):
+                d.sliver[m, at] = d.trims[m]
+            at += 1
+    d.breaks[at] = d.knots[n - 1]
+    d.fixed[at] = 1
+    return at
