@@ -24,10 +24,14 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.curve_bounds import D1, D2, SIZE, axis_distance, curve_bounds
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MVV, OUTWARD
+from nurbs_ooc.geometry.bspline import find_span
 from nurbs_ooc.geometry.surface import CONE, CYLINDER, EXTRUSION, PLANE, REVOLUTION, SPHERE, TORUS
 from nurbs_ooc.geometry.tables import Tables
 
 Floats = npt.NDArray[np.float64]
+
+# Parts of a profile shorter than this, relative to its range, are bounded by the knot span around.
+SLIVER = 1e-9
 
 
 @leaf
@@ -62,11 +66,16 @@ def profile_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: F
                     break
             if high <= low:
                 high = b
-        curve_bounds(g, s.profile, low, high, work, part)
+        start, end = low, high
+        if c.kind == 0 and high - low < SLIVER * (c.t1 - c.t0):
+            # A box that ends a few units of roundoff beyond a knot: differences over so little are roundoff.
+            span = find_span(g.values, c.knots, c.n, c.degree, 0.5 * (low + high))
+            start, end = g.values[c.knots + span], g.values[c.knots + span + 1]
+        curve_bounds(g, s.profile, start, end, work, part)
         out[0] = max(out[0], part[D1])
         out[1] = max(out[1], part[D2])
         if s.kind == REVOLUTION:
-            out[2] = max(out[2], axis_distance(g, s.profile, low, high, s.frame, work))
+            out[2] = max(out[2], axis_distance(g, s.profile, start, end, s.frame, work))
         low = high
 
 

@@ -15,7 +15,8 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_cache.surface_record import CurveKind
 from nurbs_ooc.bounds.derivatives import OUTWARD
-from nurbs_ooc.geometry.bspline import blossom, find_span
+from nurbs_ooc.geometry.bezier_net import LINE
+from nurbs_ooc.geometry.bspline import bezier_weights, find_span
 from nurbs_ooc.geometry.curve import curve_point
 from nurbs_ooc.geometry.tables import Tables
 
@@ -32,17 +33,20 @@ SIZE = 14
 
 
 @leaf
-def curve_net(g: Tables, row: int, a: float, b: float, points: Floats, net: Floats) -> int:
+def curve_net(g: Tables, row: int, a: float, b: float, net: Floats) -> int:
     """Bézier points over [a, b] inside one span; returns their dimension (homogeneous if rational)."""
     c = g.curves[row]
     dim = int(c.dim) + int(c.rational)
     span = find_span(g.values, c.knots, c.n, c.degree, 0.5 * (a + b))
+    weights = local_table(LINE, LINE)
+    bezier_weights(g.values, c.knots, span, c.degree, a, b, weights)
+    at = c.points + (span - c.degree) * dim
     for k in range(c.degree + 1):
+        for m in range(dim):
+            net[k, m] = 0.0
         for i in range(c.degree + 1):
-            at = c.points + (span - c.degree + i) * dim
             for m in range(dim):
-                points[i, m] = g.values[at + m]
-        blossom(g.values, c.knots, span, c.degree, points[: c.degree + 1, :dim], a, b, k, net[k, :dim])
+                net[k, m] += weights[k, i] * g.values[at + i * dim + m]
     return dim
 
 
@@ -88,6 +92,24 @@ def _conic_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
 
 
 @leaf
+def _straight_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
+    """A piece of a polygon: constant derivative, a box from its ends, no second derivative."""
+    c = g.curves[row]
+    n = int(c.dim)
+    span = find_span(g.values, c.knots, c.n, 1, 0.5 * (a + b))
+    low, high = g.values[c.knots + span], g.values[c.knots + span + 1]
+    size = 0.0
+    for k in range(n):
+        x = g.values[c.points + (span - 1) * n + k]
+        slope = (g.values[c.points + span * n + k] - x) / (high - low)
+        start, end = x + slope * (a - low), x + slope * (b - low)
+        out[LOW + k], out[HIGH + k] = min(start, end), max(start, end)
+        out[D1_X + k] = abs(slope) * OUTWARD
+        size += slope * slope
+    out[D1] = math.sqrt(size) * OUTWARD
+
+
+@leaf
 def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
     """Write the bounds of curve ``row`` over [a, b] to ``out`` (SIZE,); ``work`` is (3, MAX_DEGREE + 2, 4)."""
     c = g.curves[row]
@@ -96,10 +118,13 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Flo
     if c.kind != NURBS:
         _conic_bounds(g, row, a, b, out)
         return
-    net = work[1]
-    curve_net(g, row, a, b, work[0], net)
     n = int(c.dim)
     h = b - a
+    if c.degree == 1 and c.rational == 0:
+        _straight_bounds(g, row, a, b, out)
+        return
+    net = work[1]
+    curve_net(g, row, a, b, net)
     p = c.degree
     radius = local_line(3)
     center = local_line(3)
@@ -171,7 +196,7 @@ def axis_distance(g: Tables, row: int, a: float, b: float, axis: int, work: Floa
     net = work[1]
     n = 3
     if c.kind == NURBS:
-        curve_net(g, row, a, b, work[0], net)
+        curve_net(g, row, a, b, net)
         count = c.degree + 1
     else:
         bounds = local_line(SIZE)

@@ -27,17 +27,20 @@ class CurvePieces(NamedTuple):
 
 
 @leaf
-def _next_break(g: Tables, row: int, at: float) -> float:
-    """The first knot of curve ``row`` clearly beyond ``at``, or the end of its range."""
+def _next_break(g: Tables, row: int, at: float, i: int) -> tuple[float, int]:
+    """The first knot of curve ``row``, from number ``i`` on, clearly beyond ``at``, and the next number.
+
+    The end of the curve's range if there is none.
+    """
     c = g.curves[row]
-    if c.kind != NURBS:
-        return float(c.t1)
-    clear = SHORTEST * (c.t1 - c.t0)
-    for i in range(c.degree + 1, c.n):
-        knot = g.values[c.knots + i]
-        if knot > at + clear and knot < c.t1 - clear:
-            return float(knot)
-    return float(c.t1)
+    if c.kind == NURBS:
+        clear = SHORTEST * (c.t1 - c.t0)
+        while i < c.n:
+            knot = g.values[c.knots + i]
+            i += 1
+            if knot > at + clear and knot < c.t1 - clear:
+                return float(knot), i
+    return float(c.t1), i
 
 
 @kernel
@@ -47,8 +50,9 @@ def _count(g: Tables, counts: Ints) -> None:
         if not c.t0 < c.t1:
             continue
         at = c.t0
+        i = c.degree + 1
         while at < c.t1:
-            at = _next_break(g, row, at)
+            at, i = _next_break(g, row, at, i)
             counts[row] += 1
 
 
@@ -57,8 +61,9 @@ def _fill(g: Tables, p: CurvePieces) -> None:
     work = np.empty((3, MAX_DEGREE + 2, 4))
     for row in range(len(g.curves)):
         at = g.curves[row].t0
+        i = g.curves[row].degree + 1
         for k in range(p.first[row], p.first[row + 1]):
-            end = _next_break(g, row, at)
+            end, i = _next_break(g, row, at, i)
             p.start[k] = at
             curve_bounds(g, row, at, end, work, p.bounds[k])
             at = end

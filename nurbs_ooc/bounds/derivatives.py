@@ -16,8 +16,8 @@ polynomial patch of one degree more each way, and by the quotient rule ::
     |S_uu| <= (|N_uu| + 2 |w_u| |T_u| + r |w_uu|) / w_min
     |S_uv| <= (|N_uv| + |w_u| |T_v| + |w_v| |T_u| + r |w_uv|) / w_min
 
-The linear interpolant over any triangle whose parameter box is a x b then differs from S by at most
-(a^2 |S_uu| + 2 a b |S_uv| + b^2 |S_vv|) / 8.
+Each box of the second derivatives holds the vector at every point of the patch; of a rational one it is
+that of N_uu / w, widened by the other terms. What follows for triangles: ``triangle_bound``.
 
 Source: D. Filip, R. Magedson, R. Markot, "Surface algorithms using bounds on derivatives",
 Computer Aided Geometric Design 3, 1986, theorem 1; for the triangle inside its parameter box see
@@ -39,6 +39,8 @@ Floats = npt.NDArray[np.float64]
 
 # Rows of a bounds vector.
 LU, LV, MUU, MUV, MVV = 0, 1, 2, 3, 4
+# Numbers of the boxes of S_uu, S_uv and S_vv.
+BOXES = 18
 
 # Numbers of the largest homogeneous net, one degree higher each way.
 LIFTED_SIZE = 4 * (MAX_DEGREE + 2) * (MAX_DEGREE + 2)
@@ -58,8 +60,11 @@ def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: i
 
 
 @leaf
-def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats) -> None:
-    """``scale`` times the largest norm of the (di, dj) difference of the spatial part, and of the weights."""
+def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats, box: Floats) -> None:
+    """``scale`` times the (di, dj) differences of a flat net: largest norms of the spatial part and of the weights.
+
+    They go to ``out`` (2,), the box of the spatial part to ``box`` (6,): three lows, three highs.
+    """
     step_u = (q + 1) * dim
     step_v = dim
     order = 3
@@ -71,6 +76,8 @@ def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: flo
         step_a = step_v
     best = 0.0
     best_w = 0.0
+    for k in range(3):
+        box[k], box[3 + k] = np.inf, -np.inf
     for i in range(p + 1 - di):
         for j in range(q + 1 - dj):
             at = i * step_u + j * step_v
@@ -78,21 +85,37 @@ def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: flo
                 best_w = max(best_w, abs(_difference(net, at, step_a, step_b, order, 3)))
             size = 0.0
             for k in range(3):
-                d = _difference(net, at, step_a, step_b, order, k)
+                d = scale * _difference(net, at, step_a, step_b, order, k)
+                box[k], box[3 + k] = min(box[k], d), max(box[3 + k], d)
                 size += d * d
             best = max(best, size)
-    out[0] = scale * math.sqrt(best)
+    if p < di or q < dj:
+        for k in range(6):
+            box[k] = 0.0
+    out[0] = math.sqrt(best)
     out[1] = scale * best_w
 
 
 @leaf
-def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
-    """Bounds of the five derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights."""
-    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU])
-    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV])
-    _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU])
-    _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV])
-    _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV])
+def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
+    """Bounds of the five derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights.
+
+    ``boxes`` (BOXES,) gets the boxes of the second derivatives.
+    """
+    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU], boxes[0:6])
+    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV], boxes[0:6])
+    _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
+    _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
+    _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
+
+
+@leaf
+def _divide(box: Floats, w_min: float, w_max: float, spread: float) -> None:
+    """Divide a box (6,) by all numbers in [w_min, w_max], both > 0, and widen it by ``spread``."""
+    for k in range(3):
+        low, high = box[k], box[3 + k]
+        box[k] = (low / w_min if low < 0.0 else low / w_max) - spread
+        box[3 + k] = (high / w_min if high > 0.0 else high / w_max) + spread
 
 
 @leaf
@@ -133,81 +156,52 @@ def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
 
 
 @leaf
-def _rational_bounds(net: Floats, p: int, q: int, h_u: float, h_v: float, sizes: Floats, out: Floats) -> None:
-    """Bounds of a rational patch to ``out``; ``sizes`` (5, 2) is scratch."""
+def _rational_bounds(
+    net: Floats, p: int, q: int, h_u: float, h_v: float, sizes: Floats, out: Floats, boxes: Floats
+) -> None:
+    """Bounds of a rational patch to ``out`` and ``boxes``; ``sizes`` (5, 2) is scratch."""
     a = local_table(3, 3)
     _affine_map(net, p, q, a)
     lifted = local_line(LIFTED_SIZE)
     _less_affine(net, p, q, a, lifted)
     r = 0.0
     w_min = lifted[3]
+    w_max = w_min
     for i in range((p + 2) * (q + 2)):
         at = 4 * i
         w = lifted[at + 3]
-        w_min = min(w_min, w)
+        w_min, w_max = min(w_min, w), max(w_max, w)
         r = max(r, math.sqrt(lifted[at] ** 2 + lifted[at + 1] ** 2 + lifted[at + 2] ** 2) / w)
-    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, sizes)
+    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, sizes, boxes)
     w_u, w_v = sizes[LU, 1], sizes[LV, 1]
     t_u = (sizes[LU, 0] + r * w_u) / w_min
     t_v = (sizes[LV, 0] + r * w_v) / w_min
     out[LU] = t_u + math.sqrt(a[1, 0] ** 2 + a[1, 1] ** 2 + a[1, 2] ** 2) / h_u
     out[LV] = t_v + math.sqrt(a[2, 0] ** 2 + a[2, 1] ** 2 + a[2, 2] ** 2) / h_v
-    out[MUU] = (sizes[MUU, 0] + 2.0 * w_u * t_u + r * sizes[MUU, 1]) / w_min
-    out[MUV] = (sizes[MUV, 0] + w_u * t_v + w_v * t_u + r * sizes[MUV, 1]) / w_min
-    out[MVV] = (sizes[MVV, 0] + 2.0 * w_v * t_v + r * sizes[MVV, 1]) / w_min
+    more_uu = (2.0 * w_u * t_u + r * sizes[MUU, 1]) / w_min
+    more_uv = (w_u * t_v + w_v * t_u + r * sizes[MUV, 1]) / w_min
+    more_vv = (2.0 * w_v * t_v + r * sizes[MVV, 1]) / w_min
+    out[MUU] = sizes[MUU, 0] / w_min + more_uu
+    out[MUV] = sizes[MUV, 0] / w_min + more_uv
+    out[MVV] = sizes[MVV, 0] / w_min + more_vv
+    _divide(boxes[0:6], w_min, w_max, more_uu)
+    _divide(boxes[6:12], w_min, w_max, more_uv)
+    _divide(boxes[12:18], w_min, w_max, more_vv)
 
 
 @leaf
-def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
-    """Write |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv| bounds of a flat net (p + 1, q + 1, dim) to ``out``."""
+def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
+    """Bounds of the derivatives of a flat net (p + 1, q + 1, dim) over a box of size h_u x h_v.
+
+    |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv| go to ``out`` (5,); to ``boxes`` (BOXES,) the boxes that hold the
+    vectors S_uu, S_uv and S_vv, each three lows and three highs.
+    """
     sizes = local_table(5, 2)
     if dim == 4:
-        _rational_bounds(net, p, q, h_u, h_v, sizes, out)
+        _rational_bounds(net, p, q, h_u, h_v, sizes, out, boxes)
     else:
-        _sizes(net, p, q, dim, h_u, h_v, sizes)
+        _sizes(net, p, q, dim, h_u, h_v, sizes, boxes)
         for k in range(5):
             out[k] = sizes[k, 0]
     for k in range(5):
         out[k] *= OUTWARD
-
-
-@leaf
-def restrict_net(net: Floats, p: int, q: int, dim: int, box: Floats, out: Floats, line: Floats) -> None:
-    """The net over the sub-box ``box`` = (s0, s1, t0, t1) of the unit square, by de Casteljau's algorithm.
-
-    ``net`` and ``out`` are flat (p + 1, q + 1, dim); ``line`` is scratch (>= max(p, q) + 1, dim).
-    """
-    for i in range((p + 1) * (q + 1) * dim):
-        out[i] = net[i]
-    for j in range(q + 1):
-        for i in range(p + 1):
-            for k in range(dim):
-                line[i, k] = out[(i * (q + 1) + j) * dim + k]
-        _restrict_line(line, p, dim, box[0], box[1])
-        for i in range(p + 1):
-            for k in range(dim):
-                out[(i * (q + 1) + j) * dim + k] = line[i, k]
-    for i in range(p + 1):
-        for j in range(q + 1):
-            for k in range(dim):
-                line[j, k] = out[(i * (q + 1) + j) * dim + k]
-        _restrict_line(line, q, dim, box[2], box[3])
-        for j in range(q + 1):
-            for k in range(dim):
-                out[(i * (q + 1) + j) * dim + k] = line[j, k]
-
-
-@leaf
-def _restrict_line(line: Floats, p: int, dim: int, a: float, b: float) -> None:
-    """Replace Bézier points over [0, 1] by those over [a, b], first cutting at b, then at a / b."""
-    if b < 1.0:
-        for r in range(1, p + 1):
-            for i in range(p, r - 1, -1):
-                for k in range(dim):
-                    line[i, k] = (1.0 - b) * line[i - 1, k] + b * line[i, k]
-    if a > 0.0:
-        t = a / b
-        for r in range(1, p + 1):
-            for i in range(p + 1 - r):
-                for k in range(dim):
-                    line[i, k] = (1.0 - t) * line[i, k] + t * line[i + 1, k]

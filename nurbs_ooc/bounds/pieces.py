@@ -1,24 +1,22 @@
-"""Bézier pieces of all B-spline surfaces of a part, each with its derivative bounds and creases.
+"""The knot spans of all B-spline surfaces of a part, each with its derivative bounds, and their creases.
 
-The pieces of a surface are its non-empty knot spans inside the used domain, cut to that domain, so
-the bounds speak of what can be seen. Where a knot has the multiplicity of the degree the surface
-may have a crease: no second derivative bounds an interpolant across it, so the jump of the first
-derivative is kept and charged instead.
+The pieces of a surface are its non-empty knot spans inside the used domain. Where a knot has the
+multiplicity of the degree the surface may have a crease (see ``creases``).
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
-from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.derivatives import net_bounds
-from nurbs_ooc.geometry.bspline import blossom
+from nurbs_ooc.bounds.creases import is_multiple, slope_jump
+from nurbs_ooc.bounds.derivatives import BOXES, net_bounds
+from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
+from nurbs_ooc.geometry.bezier_net import bezier_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
@@ -30,25 +28,16 @@ Ints = npt.NDArray[np.int64]
 # domain, is left to its neighbour. Its own bounds would be differences of roundoff.
 SLIVER = 1e-9
 # Columns of ``Pieces.table``.
-FIRST, N_U, N_V, BREAK_U, BREAK_V, NET = 0, 1, 2, 3, 4, 5
+FIRST, N_U, N_V, BREAK_U, BREAK_V = 0, 1, 2, 3, 4
 
 
 class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
-    table: Ints  # (n_surfaces, 6): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks and nets
+    table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks
     breaks: Floats  # (n, 2): value; jump of the first derivative across it, 0 where smooth and at the ends
-    nets: Floats  # flat nets, piece after piece
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
-
-
-@leaf
-def net_range(g: Tables, p: Pieces, row: int, piece: int) -> tuple[int, int]:
-    """Where in ``nets`` the flat net (degree_u + 1, degree_v + 1, 3 or 4) of a piece begins and ends."""
-    s = g.surfaces[row]
-    size = (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3)
-    at = p.table[row, NET] + (piece - p.table[row, FIRST]) * size
-    return at, at + size
+    boxes: Floats  # (n_pieces, BOXES): boxes of the vectors S_uu, S_uv, S_vv
 
 
 @leaf
@@ -94,133 +83,59 @@ def _list_spans(
 
 
 @leaf
-def _piece_net(g: Tables, row: int, span_u: int, span_v: int, box: Floats, work: Floats, out: Floats) -> None:
-    """Bézier net over ``box`` inside one span, by blossoming along u, then along v."""
+def _rational_bounds(g: Tables, p: Pieces, row: int, breaks_u: Floats, breaks_v: Floats, net: Floats) -> None:
+    """Bounds of the pieces of a rational surface, from their Bézier nets."""
     s = g.surfaces[row]
-    p, q = s.degree_u, s.degree_v
-    dim = 4 if s.rational else 3
-    line = work[0]
-    for j in range(q + 1):
-        for k in range(p + 1):
-            for i in range(p + 1):
-                at = s.points + ((span_u - p + i) * s.n_v + span_v - q + j) * dim
-                for m in range(dim):
-                    line[i, m] = g.values[at + m]
-            at = (k * (q + 1) + j) * dim
-            blossom(g.values, s.knots_u, span_u, p, line[: p + 1, :dim], box[0], box[1], k, out[at : at + dim])
-    for i in range(p + 1):
-        for j in range(q + 1):
-            for m in range(dim):
-                work[1, j, m] = out[(i * (q + 1) + j) * dim + m]
-        for k in range(q + 1):
-            for j in range(q + 1):
-                for m in range(dim):
-                    line[j, m] = work[1, j, m]
-            at = (i * (q + 1) + k) * dim
-            blossom(g.values, s.knots_v, span_v, q, line[: q + 1, :dim], box[2], box[3], k, out[at : at + dim])
+    for i in range(p.table[row, N_U]):
+        for j in range(p.table[row, N_V]):
+            u0, u1, v0, v1 = breaks_u[i, 0], breaks_u[i + 1, 0], breaks_v[j, 0], breaks_v[j + 1, 0]
+            dim = bezier_net(g, row, u0, u1, v0, v1, net)
+            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
+            net_bounds(net, s.degree_u, s.degree_v, dim, u1 - u0, v1 - v0, p.bounds[piece], p.boxes[piece])
 
 
 @leaf
-def _end_slope(
-    p: Pieces, g: Tables, row: int, piece: int, along_u: bool, at_end: bool, other: int, h: float, out: Floats
-) -> None:
-    """Derivative control vector (affine) of a net's end row across a break; ``other`` runs along it."""
+def _jumps(g: Tables, row: int, along_u: bool, n: int, breaks: Floats, across: Floats, m: int, nets: Floats) -> None:
+    """Find the creases among the ``n`` spans of one direction; ``across`` are the m spans' breaks of the other."""
     s = g.surfaces[row]
-    dim = 4 if s.rational else 3
-    degree = s.degree_u if along_u else s.degree_v
-    step = (s.degree_v + 1) * dim if along_u else dim
-    base = p.table[row, NET] + (piece - p.table[row, FIRST]) * (s.degree_u + 1) * (s.degree_v + 1) * dim
-    base += other * dim if along_u else other * (s.degree_v + 1) * dim
-    near = base + (degree * step if at_end else 0)
-    far = base + ((degree - 1) * step if at_end else step)
-    sign = 1.0 if at_end else -1.0
-    for k in range(3):
-        if dim == 4:
-            w0, w1 = p.nets[near + 3], p.nets[far + 3]
-            out[k] = sign * degree * (w1 / w0) * (p.nets[near + k] / w0 - p.nets[far + k] / w1) / h
-        else:
-            out[k] = sign * degree * (p.nets[near + k] - p.nets[far + k]) / h
-
-
-@leaf
-def _crease(p: Pieces, g: Tables, row: int, along_u: bool, i: int) -> float:
-    """Bound of the jump of the first derivative across break ``i`` (1 <= i < n) of a direction."""
-    s = g.surfaces[row]
-    left = local_line(3)
-    right = local_line(3)
-    degree = s.degree_v if along_u else s.degree_u
-    count = p.table[row, N_V] if along_u else p.table[row, N_U]
-    at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
-    h0 = p.breaks[at + i, 0] - p.breaks[at + i - 1, 0]
-    h1 = p.breaks[at + i + 1, 0] - p.breaks[at + i, 0]
-    worst = 0.0
-    scale = 0.0
-    for j in range(count):
-        a = p.table[row, FIRST] + ((i - 1) * p.table[row, N_V] + j if along_u else j * p.table[row, N_V] + i - 1)
-        b = p.table[row, FIRST] + (i * p.table[row, N_V] + j if along_u else j * p.table[row, N_V] + i)
-        for k in range(degree + 1):
-            _end_slope(p, g, row, a, along_u, True, k, h0, left)
-            _end_slope(p, g, row, b, along_u, False, k, h1, right)
-            size = 0.0
-            for m in range(3):
-                size += (left[m] - right[m]) ** 2
-                scale = max(scale, abs(left[m]) + abs(right[m]))
-            worst = max(worst, math.sqrt(size))
-    # Smooth up to roundoff is smooth.
-    if worst <= 1e-9 * scale:
-        return 0.0
-    # Of a rational net the slopes along the break are mixed with weights: charge their spread.
-    return worst * (1.0 if s.rational == 0 else 2.0)
-
-
-@leaf
-def _multiple(g: Tables, knots: int, n: int, degree: int, value: float) -> bool:
-    """Whether ``value`` is an inner knot of multiplicity >= degree."""
-    count = 0
-    for i in range(degree + 1, n):
-        if g.values[knots + i] == value:
-            count += 1
-    return count >= degree
+    knots, count, degree = (s.knots_u, s.n_u, s.degree_u) if along_u else (s.knots_v, s.n_v, s.degree_v)
+    for i in range(1, n):
+        if is_multiple(g, knots, count, degree, breaks[i, 0]):
+            t0, t, t1 = breaks[i - 1, 0], breaks[i, 0], breaks[i + 1, 0]
+            breaks[i, 1] = slope_jump(g, row, along_u, t0, t, t1, across, m, nets[0], nets[1])
 
 
 @kernel
 def _fill(g: Tables, p: Pieces) -> None:
-    spans_u = np.empty(16, dtype=np.int64)
-    spans_v = np.empty(16, dtype=np.int64)
-    work = np.empty((2, MAX_DEGREE + 2, 4))
-    box = np.empty(4)
+    nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
+    most = 16
     for row in range(len(g.surfaces)):
-        if p.table[row, N_U] == 0 or p.table[row, N_V] == 0:
+        if p.table[row, N_U] > 0:
+            most = max(most, g.surfaces[row].n_u * g.surfaces[row].n_v)
+    spans = np.empty((2, most), dtype=np.int64)
+    scratch = np.empty((3, 3 * most))
+    for row in range(len(g.surfaces)):
+        n_u, n_v = p.table[row, N_U], p.table[row, N_V]
+        if n_u == 0 or n_v == 0:
             continue
         s = g.surfaces[row]
-        if p.table[row, N_U] > len(spans_u):
-            spans_u = np.empty(2 * p.table[row, N_U], dtype=np.int64)
-        if p.table[row, N_V] > len(spans_v):
-            spans_v = np.empty(2 * p.table[row, N_V], dtype=np.int64)
-        breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + p.table[row, N_U] + 1]
-        breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + p.table[row, N_V] + 1]
-        _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans_u)
-        _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans_v)
-        dim = 4 if s.rational else 3
-        for i in range(p.table[row, N_U]):
-            for j in range(p.table[row, N_V]):
-                piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
-                box[0], box[1] = breaks_u[i, 0], breaks_u[i + 1, 0]
-                box[2], box[3] = breaks_v[j, 0], breaks_v[j + 1, 0]
-                start, end = net_range(g, p, row, piece)
-                net = p.nets[start:end]
-                _piece_net(g, row, spans_u[i], spans_v[j], box, work, net)
-                net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], p.bounds[piece])
-        for i in range(1, p.table[row, N_U]):
-            if _multiple(g, s.knots_u, s.n_u, s.degree_u, breaks_u[i, 0]):
-                p.breaks[p.table[row, BREAK_U] + i, 1] = _crease(p, g, row, True, i)
-        for j in range(1, p.table[row, N_V]):
-            if _multiple(g, s.knots_v, s.n_v, s.degree_v, breaks_v[j, 0]):
-                p.breaks[p.table[row, BREAK_V] + j, 1] = _crease(p, g, row, False, j)
+        breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + n_u + 1]
+        breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
+        _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans[0])
+        _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans[1])
+        if s.rational:
+            _rational_bounds(g, p, row, breaks_u, breaks_v, nets[0])
+        else:
+            first = p.table[row, FIRST]
+            used = Spans(spans[0], n_u, spans[1], n_v, s.degree_u, s.degree_v)
+            last = first + n_u * n_v
+            spline_bounds(g, row, used, scratch, p.bounds[first:last], p.boxes[first:last])
+        _jumps(g, row, True, n_u, breaks_u, breaks_v, n_v, nets)
+        _jumps(g, row, False, n_v, breaks_v, breaks_u, n_u, nets)
 
 
-def bezier_pieces(g: Tables) -> Pieces:
-    """Cut all B-spline surfaces of a part into Bézier pieces with bounds.
+def surface_pieces(g: Tables) -> Pieces:
+    """The pieces of all B-spline surfaces of a part, with bounds.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
@@ -231,23 +146,29 @@ def bezier_pieces(g: Tables) -> Pieces:
     n = len(g.surfaces)
     n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
     _count(g, n_u, n_v)
-    s = g.surfaces
-    size = (s["degree_u"].astype(np.int64) + 1) * (s["degree_v"] + 1) * np.where(s["rational"] != 0, 4, 3)
-    table = np.zeros((n, 6), np.int64)
+    table = np.zeros((n, 5), np.int64)
     table[:, N_U], table[:, N_V] = n_u, n_v
     totals = []
     for column, counts in (
         (FIRST, n_u * n_v),
         (BREAK_U, np.where(n_u > 0, n_u + n_v + 2, 0)),
-        (NET, n_u * n_v * size),
     ):
         ends = np.cumsum(counts)
         table[:, column] = ends - counts
         totals.append(int(ends[-1]) if n else 0)
     table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
-    pieces = Pieces(table, np.zeros((totals[1], 2)), np.zeros(totals[2]), np.zeros((totals[0], 5)))
+    pieces = Pieces(table, np.zeros((totals[1], 2)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES)))
     _fill(g, pieces)
     return pieces
+
+
+@leaf
+def unite(boxes: Floats, out: Floats) -> None:
+    """Grow the boxes ``out`` (BOXES,) so that they hold ``boxes``."""
+    for m in range(3):
+        for k in range(3):
+            out[6 * m + k] = min(out[6 * m + k], boxes[6 * m + k])
+            out[6 * m + 3 + k] = max(out[6 * m + 3 + k], boxes[6 * m + 3 + k])
 
 
 @leaf
@@ -312,3 +233,21 @@ def crease_charge(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: floa
                     charge += jump * x * y / (x + y)
             i += 1
     return charge
+
+
+@leaf
+def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
+    """The box of each second derivative over a parameter box of a B-spline surface, to ``out`` (BOXES,)."""
+    for m in range(3):
+        for k in range(3):
+            out[6 * m + k], out[6 * m + 3 + k] = np.inf, -np.inf
+    i0 = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
+    j0 = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
+    i = i0
+    while i < p.table[row, N_U] and (i == i0 or p.breaks[p.table[row, BREAK_U] + i, 0] < u1):
+        j = j0
+        while j < p.table[row, N_V] and (j == j0 or p.breaks[p.table[row, BREAK_V] + j, 0] < v1):
+            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
+            unite(p.boxes[piece], out)
+            j += 1
+        i += 1

@@ -12,8 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
 
 Floats = npt.NDArray[np.float64]
+
+MAX_DEGREE = 30  # scratch arrays are sized by it; the reader refuses more
+INVERSES = MAX_DEGREE * (MAX_DEGREE + 1) // 2
 
 
 @leaf
@@ -65,21 +69,27 @@ def basis(values: Floats, knots: int, span: int, degree: int, t: float, out: Flo
 
 
 @leaf
-def blossom(
-    values: Floats, knots: int, span: int, degree: int, points: Floats, a: float, b: float, n_b: int, out: Floats
-) -> None:
-    """The polar form of the span's polynomial at (degree - n_b) times ``a`` and ``n_b`` times ``b``.
+def bezier_weights(values: Floats, knots: int, span: int, degree: int, a: float, b: float, out: Floats) -> None:
+    """Rows ``out[k]`` (degree + 1): weights of the span's control points in the k-th Bézier point over [a, b].
 
-    ``points`` (degree + 1, dim) are the span's control points and are overwritten; ``out`` is (dim,).
+    The k-th Bézier point is the polar form at (degree - k) times ``a`` and k times ``b``; its weights follow
+    the recurrence of the basis functions with one of the arguments per level.
     """
-    dim = points.shape[1]
-    for r in range(1, degree + 1):
-        t = b if r <= n_b else a
-        for j in range(degree, r - 1, -1):
-            low = values[knots + span - degree + j]
-            high = values[knots + span + 1 + j - r]
-            w = (t - low) / (high - low)
-            for k in range(dim):
-                points[j, k] = (1.0 - w) * points[j - 1, k] + w * points[j, k]
-    for k in range(dim):
-        out[k] = points[degree, k]
+    inverse = local_line(INVERSES)
+    n = 0
+    for d in range(1, degree + 1):
+        for r in range(d):
+            inverse[n] = 1.0 / (values[knots + span + r + 1] - values[knots + span + 1 - d + r])
+            n += 1
+    for k in range(degree + 1):
+        out[k, 0] = 1.0
+        n = 0
+        for d in range(1, degree + 1):
+            t = b if d <= k else a
+            saved = 0.0
+            for r in range(d):
+                part = out[k, r] * inverse[n]
+                n += 1
+                out[k, r] = saved + (values[knots + span + r + 1] - t) * part
+                saved = (t - values[knots + span + 1 - d + r]) * part
+            out[k, d] = saved

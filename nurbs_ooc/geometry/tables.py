@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
+from nurbs_ooc.geometry.bspline import MAX_DEGREE as MAX_DEGREE
 
 CONTIGUOUS: tuple[Literal["C"], Literal["A"], Literal["W"]] = ("C", "A", "W")
-MAX_DEGREE = 30  # scratch arrays are sized by it; the reader refuses more
 
 
 class Tables(NamedTuple):

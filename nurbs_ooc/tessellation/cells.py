@@ -22,8 +22,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, net_bounds, restrict_net
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, find_break, net_range
+from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
+from nurbs_ooc.bounds.triangle_bound import grid_bounds
+from nurbs_ooc.geometry.bezier_net import bezier_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -41,14 +43,15 @@ MAX_CELLS = 1 << 20
 
 # Columns of ``Cells.node`` and ``Cells.box``.
 CHILD, AXIS, GRID = 0, 1, 2
-CUT, SECOND = 4, 5
+CUT, SECOND, VECTORS = 4, 5, 8
+COLUMNS = VECTORS + BOXES
 
 
 class Cells(NamedTuple):
     """A kd-tree in two arrays; row 0 is the root, children are consecutive."""
 
     node: Ints  # (n, 4): first child (-1: a leaf), axis of the split (0: u, 1: v), columns and rows of a leaf
-    box: Floats  # (n, 8): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|
+    box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|; their vectors' boxes
 
 
 @leaf
@@ -87,19 +90,32 @@ def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: f
     return int(min(nu, 1e9)), int(min(nv, 1e9))
 
 
+@leaf
+def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, int]:
+    """Columns and rows of a cell, also to its ``node`` row; with vectors their directions count, not norms alone."""
+    b = c.box[node]
+    muu, muv, mvv = b[SECOND], b[SECOND + 1], b[SECOND + 2]
+    if vectors:
+        muu, muv, mvv = grid_bounds(b[SECOND:], b[VECTORS:])
+    nu, nv = grid_counts(muu, muv, mvv, b[1] - b[0], b[3] - b[2], error)
+    c.node[node, GRID + 0], c.node[node, GRID + 1] = nu, nv
+    return nu, nv
+
+
 class CellScratch(NamedTuple):
     """Scratch of the construction."""
 
     work: Floats  # (3, MAX_DEGREE + 2, 4) for profile curves
     bounds: Floats  # (5,)
     net: Floats  # flat net of one cell
-    line: Floats  # (MAX_DEGREE + 2, 4)
-    sub: Floats  # (4,)
 
 
 @leaf
 def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, out: Floats) -> bool:
-    """Second-derivative bounds over a box to ``out`` (3,); True if it lies within one piece."""
+    """Second-derivative bounds (3,) and boxes (BOXES,) over a box to ``out``; True if it lies within one piece.
+
+    Tagged surfaces have bounds alone.
+    """
     s = g.surfaces[row]
     single = True
     if s.kind == NURBS:
@@ -108,26 +124,32 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
         at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
         single = box[1] <= p.breaks[at_u + 1, 0] and box[3] <= p.breaks[at_v + 1, 0]
         if single:
-            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
-            a, b = p.breaks[at_u, 0], p.breaks[at_u + 1, 0]
-            scratch.sub[0] = max((box[0] - a) / (b - a), 0.0)
-            scratch.sub[1] = min((box[1] - a) / (b - a), 1.0)
-            a, b = p.breaks[at_v, 0], p.breaks[at_v + 1, 0]
-            scratch.sub[2] = max((box[2] - a) / (b - a), 0.0)
-            scratch.sub[3] = min((box[3] - a) / (b - a), 1.0)
-            dim = 4 if s.rational else 3
-            start, end = net_range(g, p, row, piece)
-            net = p.nets[start:end]
-            if scratch.sub[0] > 0.0 or scratch.sub[1] < 1.0 or scratch.sub[2] > 0.0 or scratch.sub[3] < 1.0:
-                restrict_net(net, s.degree_u, s.degree_v, dim, scratch.sub, scratch.net, scratch.line)
-                net_bounds(scratch.net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], scratch.bounds)
-            else:
+            whole_u = box[0] <= p.breaks[at_u, 0] and box[1] >= p.breaks[at_u + 1, 0]
+            whole_v = box[2] <= p.breaks[at_v, 0] and box[3] >= p.breaks[at_v + 1, 0]
+            if s.rational and whole_u and whole_v:
+                piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
                 for k in range(5):
                     scratch.bounds[k] = p.bounds[piece, k]
+                for k in range(BOXES):
+                    out[3 + k] = p.boxes[piece, k]
+            else:
+                dim = bezier_net(g, row, box[0], box[1], box[2], box[3], scratch.net)
+                net_bounds(
+                    scratch.net,
+                    s.degree_u,
+                    s.degree_v,
+                    dim,
+                    box[1] - box[0],
+                    box[3] - box[2],
+                    scratch.bounds,
+                    out[3:],
+                )
             out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
             return True
     box_bounds(g, p, row, box[0], box[1], box[2], box[3], scratch.work, scratch.bounds)
     out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
+    if s.kind == NURBS:
+        box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
     return single
 
 
@@ -159,7 +181,7 @@ def _grown(c: Cells, n: int) -> Cells:
     if n <= m:
         return c
     node = np.empty((2 * n, 4), dtype=np.int64)
-    box = np.empty((2 * n, 8))
+    box = np.empty((2 * n, COLUMNS))
     node[:m], box[:m] = c.node, c.box
     return Cells(node, box)
 
@@ -182,20 +204,32 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     return nu > nv
 
 
+@leaf
+def _tighten(c: Cells, node: int, kid: int, vectors: bool) -> None:
+    """What holds for a cell holds for its children: bounds shrink going down, whatever roundoff does to them."""
+    for m in range(3):
+        c.box[kid, SECOND + m] = min(c.box[kid, SECOND + m], c.box[node, SECOND + m])
+    if vectors:
+        for m in range(3):
+            for k in range(VECTORS + 6 * m, VECTORS + 6 * m + 3):
+                low, high = max(c.box[kid, k], c.box[node, k]), min(c.box[kid, k + 3], c.box[node, k + 3])
+                if low <= high:
+                    c.box[kid, k], c.box[kid, k + 3] = low, high
+
+
 @helper
 def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scratch: CellScratch) -> Cells:
     """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
     start = 64
-    c = Cells(np.empty((start, 4), dtype=np.int64), np.empty((start, 8)))
+    c = Cells(np.empty((start, 4), dtype=np.int64), np.empty((start, COLUMNS)))
     for k in range(4):
         c.box[0, k] = box[k]
     n = 1
     depth = np.zeros(start, dtype=np.int64)
     inner = np.zeros(start, dtype=np.int64)  # 1: the cell lies within one piece
-    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.box[0, SECOND : SECOND + 3]) else 0
-    c.node[0, GRID + 0], c.node[0, GRID + 1] = grid_counts(
-        c.box[0, SECOND + 0], c.box[0, SECOND + 1], c.box[0, SECOND + 2], box[1] - box[0], box[3] - box[2], error
-    )
+    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.box[0, SECOND:]) else 0
+    nurbs = g.surfaces[row].kind == NURBS
+    _count_grid(c, 0, nurbs, error)
     node = 0
     while node < n:
         c.node[node, CHILD] = -1
@@ -219,19 +253,9 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
                     c.box[kid, 1 - k] = cut
                 else:
                     c.box[kid, 3 - k] = cut
-                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.box[kid, SECOND : SECOND + 3]) else 0
-                for m in range(3):
-                    c.box[kid, SECOND + m] = min(c.box[kid, SECOND + m], c.box[node, SECOND + m])
-                b = c.box[kid]
-                nu, nv = grid_counts(
-                    c.box[kid, SECOND + 0],
-                    c.box[kid, SECOND + 1],
-                    c.box[kid, SECOND + 2],
-                    b[1] - b[0],
-                    b[3] - b[2],
-                    error,
-                )
-                c.node[kid, GRID + 0], c.node[kid, GRID + 1] = nu, nv
+                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.box[kid, SECOND:]) else 0
+                _tighten(c, node, kid, nurbs)
+                nu, nv = _count_grid(c, kid, nurbs, error)
                 both += float(nu) * float(nv)
                 depth[kid] = depth[node] + 1
             large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
@@ -245,9 +269,13 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
 
 
 @leaf
-def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, stack: Ints, out: Floats) -> None:
-    """Largest second-derivative bounds of the leaves that meet a parameter box, to ``out`` (3,)."""
+def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, out: Floats) -> None:
+    """Second-derivative bounds (3,) of the leaves that meet a parameter box to ``out``, then their boxes if wanted."""
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    if vectors:
+        for m in range(3):
+            for k in range(3):
+                out[3 + 6 * m + k], out[6 + 6 * m + k] = np.inf, -np.inf
     top = 1
     stack[0] = 0
     while top > 0:
@@ -256,6 +284,8 @@ def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, stack: Int
         if c.node[node, CHILD] < 0:
             for k in range(3):
                 out[k] = max(out[k], c.box[node, SECOND + k])
+            if vectors:
+                unite(c.box[node, VECTORS:], out[3:])
             continue
         low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
         if low < c.box[node, CUT] or high <= c.box[node, CUT]:

@@ -48,6 +48,7 @@ class Demand(NamedTuple):
     breaks: Floats  # (n + 1,)
     fixed: Flags  # (n + 1,) 1: a sample must lie here
     demand: Floats  # (n,) bound of second derivatives in units of the error
+    bend: Floats  # (n,) the surfaces' own part of the demand
     sliver: Floats  # (MAX_USES, n) mm, by use: second-derivative bound of the sliver beside the p-curve's chord
     knots: Floats  # scratch
     full: Flags  # scratch
@@ -119,11 +120,15 @@ def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool
 def _demand(
     g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, a: float, b: float, error: float, exact: bool,
     d: Demand,
-) -> float:  # fmt: skip
-    """Largest second-derivative demand on [a, b] of the edge in units of the error; slivers to ``d.trims`` in mm."""
+) -> tuple[float, float]:  # fmt: skip
+    """Largest second-derivative demand on [a, b] in units of the error, and that of the surfaces' own bending.
+
+    Slivers go to ``d.trims`` in mm.
+    """
     edge = g.edges[e]
     part, bounds = d.part, d.bounds
     worst = 0.0
+    largest_bend = 0.0
     if edge.curve >= 0:
         _bounds(g, c, edge.curve, a, b, exact, d.work, part)
         worst = part[D2] / error
@@ -167,8 +172,8 @@ def _demand(
             if bounds[MUV] > 0.0:
                 across = 1.0
             share *= max(1.0 - across, ACROSS_SHARE)
-            worst = max(worst, bend / (error * share))
-    return worst
+            largest_bend = max(largest_bend, bend / (error * share))
+    return max(worst, largest_bend), largest_bend
 
 
 @leaf
@@ -223,7 +228,7 @@ def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, er
     at = 0
     for k in range(n - 1):
         start, end = d.knots[k], d.knots[k + 1]
-        whole = _demand(g, p, c, uses, e, start, end, error, False, d)
+        whole, bend = _demand(g, p, c, uses, e, start, end, error, False, d)
         expected = math.sqrt(whole / 8.0) * (end - start)
         parts = 1
         if expected > 1.5 and not even:
@@ -233,9 +238,10 @@ def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, er
             b = start + (end - start) * (i + 1) / parts
             d.breaks[at] = a
             d.fixed[at] = d.full[k] if i == 0 else 0
-            d.demand[at] = whole
+            d.demand[at], d.bend[at] = whole, bend
             if expected > 1.5 and not even:
-                d.demand[at] = min(_demand(g, p, c, uses, e, a, b, error, True, d), whole)
+                own, own_bend = _demand(g, p, c, uses, e, a, b, error, True, d)
+                d.demand[at], d.bend[at] = min(own, whole), min(own_bend, bend)
             for m in range(MAX_USES):
                 d.sliver[m, at] = d.trims[m]
             at += 1

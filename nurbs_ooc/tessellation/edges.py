@@ -76,6 +76,18 @@ def _segment_error(breaks: Floats, demand: Floats, n: int, a: float, b: float, s
 
 
 @leaf
+def _bend(d: Demand, n: int, a: float, b: float, start: int) -> float:
+    """What a triangle's bound will make of the surfaces' own deviation over [a, b]: its largest demand throughout."""
+    largest = 0.0
+    k = start
+    while k < n and d.breaks[k] < b:
+        if d.breaks[k + 1] > a:
+            largest = max(largest, d.bend[k])
+        k += 1
+    return largest * (b - a) * (b - a) / 8.0
+
+
+@leaf
 def _smallest_count(g: Tables, e: int) -> int:
     """Fewest segments: closed edges need three, arcs one per third of a turn."""
     edge = g.edges[e]
@@ -151,7 +163,7 @@ def _refine(d: Demand, n: int, coarse: Floats, n_coarse: int, out: Floats, at: i
             b = coarse[i + 1] if index + 1 == (1 << depth) else coarse[i] + whole * (index + 1.0) / parts
             while start < n - 1 and d.breaks[start + 1] <= a:
                 start += 1
-            fits = _segment_error(d.breaks, d.demand, n, a, b, start) <= 1.0
+            fits = _segment_error(d.breaks, d.demand, n, a, b, start) <= 1.0 and _bend(d, n, a, b, start) <= 1.0
             if not fits and depth < MAX_HALVINGS and a < 0.5 * (a + b) < b and at - first < MAX_SAMPLES:
                 depth += 1
                 index *= 2
@@ -191,6 +203,7 @@ def _room_for(intervals: int) -> Demand:
     return Demand(
         np.empty(intervals + 1),
         np.empty(intervals + 1, dtype=np.uint8),
+        np.empty(intervals),
         np.empty(intervals),
         np.empty((MAX_USES, intervals)),
         np.empty(intervals + 1),

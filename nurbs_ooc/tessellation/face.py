@@ -23,7 +23,17 @@ from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, CellScratch, build_cells
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length
-from nurbs_ooc.tessellation.refine import DONE, FULL, Check, Frame, certify, insert_grids, worst_bound
+from nurbs_ooc.tessellation.refine import (
+    DONE,
+    FULL,
+    Check,
+    Frame,
+    certify,
+    insert_grids,
+    parts_needed,
+    segment_bound,
+    worst_bound,
+)
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_TRIANGLES,
@@ -139,6 +149,21 @@ def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) 
 
 
 @leaf
+def _ask_for_long_segments(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, point: Ints, target: float,
+    check: Check, wanted: Ints,
+) -> bool:  # fmt: skip
+    """Ask for parts of all boundary segments that break the bound by themselves; whether there are any."""
+    found = False
+    for i in range(len(point)):
+        bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check)
+        if bound > target:
+            _ask(b, i, parts_needed(bound / target), wanted)
+            found = True
+    return found
+
+
+@leaf
 def _any_inside(t: Triangulation) -> bool:
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
@@ -153,8 +178,8 @@ def tessellate_face(
 ) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
-    With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts it must be cut into) and returns
-    NEEDS_SAMPLES. Otherwise READY, with the boundary, the triangulation, the map of boundary to
+    With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the
+    parts it must be cut into) and returns NEEDS_SAMPLES. Otherwise READY, with the boundary, the triangulation, the map of boundary to
     lattice points, the lattice frame, the largest triangle bound (mm), an extra trim error (mm), and
     status and reason of what had to be done.
     """
@@ -201,6 +226,8 @@ def tessellate_face(
             return READY, b, t, point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
         if flat:
             return READY, b, t, point, f, 0.0, extra, status, reason
+        if not final and _ask_for_long_segments(g, p, row, c, f, t, b, point, target, check, wanted):
+            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
         blame = np.zeros(3 * MAX_BLAMES + 1, dtype=np.int64)
         code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
         worst = 0.0
@@ -215,4 +242,6 @@ def tessellate_face(
             for m in range(blame[0]):
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
             return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+        if worst > target and status == 0:
+            status, reason = DEGRADED, BUDGET_EXHAUSTED
         return READY, b, t, point, f, worst, extra, status, reason

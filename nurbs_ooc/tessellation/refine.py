@@ -1,10 +1,10 @@
 """Inner points of a face: the grids of its cells, then points where a triangle breaks its bound.
 
-A triangle whose parameter box is a x b deviates by at most (a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8
-from the surface, M taken over that box, plus what creases inside the box add. Triangles are checked
-one by one; one that fails gets a point on its longest free edge, or, where its boundary edge is the
-longest, a point between that edge and the opposite corner; the flips that follow measure lengths as
-the error does at that place. Boundary edges are never split here: they belong to two faces.
+A triangle deviates from the surface by at most its ``triangle_bound``, for which second derivatives
+are bounded over its parameter box, plus what creases inside the box add. Triangles are checked one by
+one; one that fails gets a point on its longest free edge, or, where its boundary edge is the longest, a
+point between that edge and the opposite corner; the flips that follow measure lengths as the error
+does at that place. Boundary edges are never split here: they belong to two faces.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from nurbs_cache.jit import leaf
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, crease_charge
-from nurbs_ooc.geometry.surface import NURBS
+from nurbs_ooc.bounds.triangle_bound import triangle_bound
+from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, cell_bounds
 from nurbs_ooc.tessellation.triangulate import (
@@ -128,32 +129,45 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
 
 
 @leaf
-def _box_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, u0: float, u1: float, v0: float, v1: float, check: Check
-) -> float:
-    """Deviation bound of a triangle in a parameter box, mm; second-derivative bounds stay in ``check.second``."""
+def _corners_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, check: Check,
+    x0: float, y0: float, x1: float, y1: float, x2: float, y2: float,
+) -> float:  # fmt: skip
+    """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``."""
     m = check.second
+    # Half a lattice step wider, for corners were rounded.
+    u0, u1 = f.u0 + f.du * (min(x0, x1, x2) - 0.5), f.u0 + f.du * (max(x0, x1, x2) + 0.5)
+    v0, v1 = f.v0 + f.dv * (min(y0, y1, y2) - 0.5), f.v0 + f.dv * (max(y0, y1, y2) + 0.5)
     charge = 0.0
-    if g.surfaces[row].kind == NURBS:
-        cell_bounds(c, u0, u1, v0, v1, check.stack, m)
-        charge = crease_charge(p, row, u0, u1, v0, v1)
+    kind = g.surfaces[row].kind
+    if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
+        cell_bounds(c, u0, u1, v0, v1, kind == NURBS, check.stack, m)
+        if kind == NURBS:
+            charge = crease_charge(p, row, u0, u1, v0, v1)
     else:
         closed_form_bounds(g, row, u0, u1, v0, v1, check.work, check.bounds)
         m[0], m[1], m[2] = check.bounds[MUU], check.bounds[MUV], check.bounds[MVV]
-    x, y = u1 - u0, v1 - v0
-    return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0 + charge
+    du, dv = f.du, f.dv
+    return charge + triangle_bound(m, kind == NURBS, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
 
 
 @leaf
 def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
-    """Deviation bound of triangle k, mm; its box is half a lattice step wider, for its corners were rounded."""
+    """Deviation bound of triangle k, mm."""
+    a, b, d = t.points[t.tri[k, 0]], t.points[t.tri[k, 1]], t.points[t.tri[k, 2]]
+    return _corners_bound(
+        g, p, row, c, f, check, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+    )
+
+
+@leaf
+def segment_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, a: int, b: int, check: Check
+) -> float:
+    """Bound of the segment between two points alone, mm: no triangle on it has a smaller one."""
     q = t.points
-    a, b, d = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
-    u0 = f.u0 + f.du * (min(q[a, 0], q[b, 0], q[d, 0]) - 0.5)
-    u1 = f.u0 + f.du * (max(q[a, 0], q[b, 0], q[d, 0]) + 0.5)
-    v0 = f.v0 + f.dv * (min(q[a, 1], q[b, 1], q[d, 1]) - 0.5)
-    v1 = f.v0 + f.dv * (max(q[a, 1], q[b, 1], q[d, 1]) + 0.5)
-    return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
+    x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
+    return _corners_bound(g, p, row, c, f, check, x0, y0, x1, y1, 0.5 * (x0 + x1), 0.5 * (y0 + y1))
 
 
 @leaf
@@ -163,12 +177,10 @@ def _edge_bound(
     """Bound of a flat triangle on edge i of k that reaches 1/16 of the way to the opposite corner, mm."""
     q = t.points
     a, b, d = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[k, i]
-    x = q[a, 0] + (q[b, 0] - q[a, 0]) * 0.5
-    y = q[a, 1] + (q[b, 1] - q[a, 1]) * 0.5
+    x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
+    x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     x, y = x + (q[d, 0] - x) / 16.0, y + (q[d, 1] - y) / 16.0
-    u0, u1 = f.u0 + f.du * min(q[a, 0], q[b, 0], x), f.u0 + f.du * max(q[a, 0], q[b, 0], x)
-    v0, v1 = f.v0 + f.dv * min(q[a, 1], q[b, 1], y), f.v0 + f.dv * max(q[a, 1], q[b, 1], y)
-    return _box_bound(g, p, row, c, u0, u1, v0, v1, check)
+    return _corners_bound(g, p, row, c, f, check, x0, y0, x1, y1, x, y)
 
 
 @leaf
@@ -228,6 +240,12 @@ def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
 
 
 @leaf
+def parts_needed(excess: float) -> int:
+    """Into how many parts a segment whose bound is ``excess`` (> 1) times the target must be cut."""
+    return min(max(2, math.ceil(math.sqrt(min(excess, 1e6)))), MOST_PARTS)
+
+
+@leaf
 def _blame(t: Triangulation, k: int, i: int, excess: float, blame: Ints) -> None:
     """Note a boundary edge, i of k, whose bound is ``excess`` times the target: its ends, the parts it needs.
 
@@ -236,7 +254,7 @@ def _blame(t: Triangulation, k: int, i: int, excess: float, blame: Ints) -> None
     at = 3 * blame[0] + 1
     if at + 2 < len(blame):
         blame[at], blame[at + 1] = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-        blame[at + 2] = min(max(2, math.ceil(math.sqrt(excess))), MOST_PARTS)
+        blame[at + 2] = parts_needed(excess)
         blame[0] += 1
 
 
@@ -247,7 +265,8 @@ def certify(
     """Refine until every inner triangle's bound is within ``target`` (mm).
 
     Returns a code (DONE; FULL: the arrays are too small; LONG_EDGE: boundary edges are too long for
-    this surface; ``blame`` gives their number, then of each its two points and how many parts it needs) and the largest bound of any triangle.
+    this surface; ``blame`` gives their number, then of each its two points and how many parts it needs)
+    and the largest bound of any triangle.
     """
     worst = 0.0
     again = True
@@ -271,9 +290,13 @@ def certify(
                     code = LONG_EDGE
                 elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
                     return FULL, worst
-                again = again or t.n[N_POINTS] > before
+                if t.n[N_POINTS] > before:
+                    again = True
+                    bound = 0.0
+            # Of a triangle that stays; one that goes later counts too, and had a bound within the target.
+            worst = max(worst, bound)
             k += 1
-    return code, worst_bound(g, p, row, c, f, t, check)
+    return code, worst
 
 
 @leaf

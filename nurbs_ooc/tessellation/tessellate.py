@@ -15,7 +15,8 @@ from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
-from nurbs_ooc.bounds.pieces import Pieces, bezier_pieces
+from nurbs_ooc.bounds.derivatives import BOXES
+from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
 from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
@@ -50,10 +51,8 @@ def _faces(
         work,
         np.empty(5),
         np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4),
-        np.empty((MAX_DEGREE + 2, 4)),
-        np.empty(4),
     )
-    check = Check(work, np.empty(5), np.empty(3), np.empty(256, dtype=np.int64))
+    check = Check(work, np.empty(5), np.empty(3 + BOXES), np.empty(256, dtype=np.int64))
     scratch = np.empty((4, MAX_DEGREE + 2))
     for i in range(high - low):
         row = faces[low + i]
@@ -193,7 +192,7 @@ def tessellate(
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
     g = tables(geometry)
     run = chunk_runner(workers)
-    pieces = bezier_pieces(g)
+    pieces = surface_pieces(g)
     uses = edge_uses(g)
     wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
     samples = sample_edges(g, pieces, curve_pieces(g), uses, error, run)
