@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.creases import is_multiple, slope_jump
+from nurbs_ooc.bounds.creases import crease_charge, is_multiple, mark_strips, slope_jump
 from nurbs_ooc.bounds.derivatives import BOXES, net_bounds
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
 from nurbs_ooc.geometry.bezier_net import bezier_net
@@ -35,7 +35,7 @@ class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
     table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks
-    breaks: Floats  # (n, 2): value; jump of the first derivative across it, 0 where smooth and at the ends
+    breaks: Floats  # (n, 4): value, and what ``creases`` says of it
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
     boxes: Floats  # (n_pieces, BOXES): boxes of the vectors S_uu, S_uv, S_vv
 
@@ -106,7 +106,7 @@ def _jumps(g: Tables, row: int, along_u: bool, n: int, breaks: Floats, across: F
 
 
 @kernel
-def _fill(g: Tables, p: Pieces) -> None:
+def _fill(g: Tables, p: Pieces, error: float) -> None:
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
     most = 16
     for row in range(len(g.surfaces)):
@@ -123,22 +123,25 @@ def _fill(g: Tables, p: Pieces) -> None:
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
         _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans[0])
         _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans[1])
+        first = p.table[row, FIRST]
+        last = first + n_u * n_v
         if s.rational:
             _rational_bounds(g, p, row, breaks_u, breaks_v, nets[0])
         else:
-            first = p.table[row, FIRST]
             used = Spans(spans[0], n_u, spans[1], n_v, s.degree_u, s.degree_v)
-            last = first + n_u * n_v
             spline_bounds(g, row, used, scratch, p.bounds[first:last], p.boxes[first:last])
         _jumps(g, row, True, n_u, breaks_u, breaks_v, n_v, nets)
         _jumps(g, row, False, n_v, breaks_v, breaks_u, n_u, nets)
+        mark_strips(breaks_u, n_u, error, p.bounds[first:last], p.boxes[first:last], True, n_v)
+        mark_strips(breaks_v, n_v, error, p.bounds[first:last], p.boxes[first:last], False, n_u)
 
 
-def surface_pieces(g: Tables) -> Pieces:
+def surface_pieces(g: Tables, error: float) -> Pieces:
     """The pieces of all B-spline surfaces of a part, with bounds.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
+        error: mm; strips between knots that do not matter to it become creases.
 
     Returns:
         The pieces; tagged surfaces have none.
@@ -157,8 +160,8 @@ def surface_pieces(g: Tables) -> Pieces:
         table[:, column] = ends - counts
         totals.append(int(ends[-1]) if n else 0)
     table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
-    pieces = Pieces(table, np.zeros((totals[1], 2)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES)))
-    _fill(g, pieces)
+    pieces = Pieces(table, np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES)))
+    _fill(g, pieces, error)
     return pieces
 
 
@@ -209,29 +212,15 @@ def box_bounds(
 
 
 @leaf
-def crease_charge(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float) -> float:
-    """What creases inside the open box add to the deviation of a linear interpolant over it, mm.
-
-    A function with slope jump J at distance x from one end and y from the other of an interval
-    deviates from its chord by J x y / (x + y) there.
-    """
+def creases_in_box(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float) -> float:
+    """What creases add to the deviation of a linear interpolant over a parameter box, mm."""
     charge = 0.0
     for direction in range(2):
         n = p.table[row, N_U] if direction == 0 else p.table[row, N_V]
-        if n < 2:
-            continue
-        at = p.table[row, BREAK_U] if direction == 0 else p.table[row, BREAK_V]
-        low = u0 if direction == 0 else v0
-        high = u1 if direction == 0 else v1
-        i = find_break(p, at, n, low) + 1
-        while i < n and p.breaks[at + i, 0] < high:
-            jump = p.breaks[at + i, 1]
-            if jump > 0.0:
-                x = p.breaks[at + i, 0] - low
-                y = high - p.breaks[at + i, 0]
-                if x > 0.0 and y > 0.0:
-                    charge += jump * x * y / (x + y)
-            i += 1
+        if n > 1:
+            at = p.table[row, BREAK_U] if direction == 0 else p.table[row, BREAK_V]
+            low, high = (u0, u1) if direction == 0 else (v0, v1)
+            charge += crease_charge(p.breaks[at : at + n + 1], n, find_break(p, at, n, low), low, high)
     return charge
 
 

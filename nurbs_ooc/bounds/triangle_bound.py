@@ -75,34 +75,44 @@ def _middle(boxes: Floats, at: int) -> float:
 
 
 @leaf
-def triangle_bound(
-    m: Floats, vectors: bool, x0: float, y0: float, x1: float, y1: float, x2: float, y2: float, du: float, dv: float
+def _slack(m: Floats, a: float, b: float, du: float, dv: float) -> float:
+    """What an uncertainty of (du, dv) in the parameters of each corner may add to a bound in an a x b box."""
+    pure = m[0] * (2.0 * a + du) * du + m[2] * (2.0 * b + dv) * dv
+    return 0.5 * pure + m[1] * (a * dv + b * du + du * dv)
+
+
+@leaf
+def norm_bound(
+    m: Floats, x0: float, y0: float, x1: float, y1: float, x2: float, y2: float, du: float, dv: float
 ) -> float:
-    """Bound of the deviation of a triangle, in the surface's unit of length.
+    """Bound of the deviation of a triangle from norms of second derivatives, in the surface's unit of length.
 
     Args:
-        m: |S_uu|, |S_uv|, |S_vv|, then, if ``vectors``, the boxes of the three (see ``net_bounds``).
-        vectors: whether boxes are given.
+        m: |S_uu|, |S_uv|, |S_vv|.
         x0, y0, x1, y1, x2, y2: corners, in parameters.
         du, dv: uncertainty of every corner's parameters.
     """
     a = max(x0, x1, x2) - min(x0, x1, x2)
     b = max(y0, y1, y2) - min(y0, y1, y2)
-    # What rounding of the corners may add to any |H[d]|, halved and at most a quarter of it counted by any weights.
-    slack = (m[0] * (2.0 * a + du) * du + m[2] * (2.0 * b + dv) * dv) / 8.0
-    slack += m[1] * (a * dv + b * du + du * dv) / 4.0
     p = m[0] * (x1 - x0) ** 2 + m[2] * (y1 - y0) ** 2
     q = m[0] * (x2 - x0) ** 2 + m[2] * (y2 - y0) ** 2
     r = m[0] * (x2 - x1) ** 2 + m[2] * (y2 - y1) ** 2
-    bound = 0.5 * largest_mean(p, q, r) + 0.25 * a * b * m[1]
-    if vectors:
-        boxes = m[3:]
-        p = _form(boxes, x1 - x0, y1 - y0)
-        q = _form(boxes, x2 - x0, y2 - y0)
-        r = _form(boxes, x2 - x1, y2 - y1)
-        rest = a * a * _radius(boxes, 0) + 2.0 * a * b * _radius(boxes, 6) + b * b * _radius(boxes, 12)
-        bound = min(bound, 0.5 * largest_mean(p, q, r) + 0.125 * rest)
-    return bound + 4.0 * slack
+    return 0.5 * largest_mean(p, q, r) + 0.25 * a * b * m[1] + _slack(m, a, b, du, dv)
+
+
+@leaf
+def vector_bound(
+    m: Floats, x0: float, y0: float, x1: float, y1: float, x2: float, y2: float, du: float, dv: float
+) -> float:
+    """The same from the boxes of the second derivatives, which follow the norms in ``m`` (see ``net_bounds``)."""
+    a = max(x0, x1, x2) - min(x0, x1, x2)
+    b = max(y0, y1, y2) - min(y0, y1, y2)
+    boxes = m[3:]
+    p = _form(boxes, x1 - x0, y1 - y0)
+    q = _form(boxes, x2 - x0, y2 - y0)
+    r = _form(boxes, x2 - x1, y2 - y1)
+    rest = a * a * _radius(boxes, 0) + 2.0 * a * b * _radius(boxes, 6) + b * b * _radius(boxes, 12)
+    return 0.5 * largest_mean(p, q, r) + 0.125 * rest + _slack(m, a, b, du, dv)
 
 
 @leaf

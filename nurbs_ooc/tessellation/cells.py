@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
+from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
 from nurbs_ooc.bounds.triangle_bound import grid_bounds
@@ -37,6 +38,8 @@ MAX_DEPTH = 48
 MAX_GRID = 1 << 12
 # Two halves must save this much to be worth a split.
 WORTH = 0.85
+# So two halves of one triangle pair each can never be worth the split of two.
+UNDIVIDED = 2.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
 MAX_CELLS = 1 << 20
 
@@ -163,7 +166,12 @@ def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
     n = p.table[row, N_U] if along_u else p.table[row, N_V]
     i = find_break(p, at, n, middle)
-    below, above = p.breaks[at + i, 0], p.breaks[at + i + 1, 0]
+    while i > 0 and p.breaks[at + i, HIDDEN] > 0.0:
+        i -= 1
+    k = i + 1
+    while k < n and p.breaks[at + k, HIDDEN] > 0.0:
+        k += 1
+    below, above = p.breaks[at + i, 0], p.breaks[at + k, 0]
     best = middle
     found = False
     if below > low:
@@ -234,7 +242,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
     while node < n:
         c.node[node, CHILD] = -1
         cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
-        if cost > 1.0 and depth[node] < MAX_DEPTH and n < MAX_CELLS:
+        if cost > UNDIVIDED and depth[node] < MAX_DEPTH and n < MAX_CELLS:
             c = _grown(c, n + 2)
             if n + 2 > len(depth):
                 more = np.zeros((2, 2 * (n + 2)), dtype=np.int64)

@@ -156,7 +156,7 @@ def _ask_for_long_segments(
     """Ask for parts of all boundary segments that break the bound by themselves; whether there are any."""
     found = False
     for i in range(len(point)):
-        bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check)
+        bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check, target)
         if bound > target:
             _ask(b, i, parts_needed(bound / target), wanted)
             found = True
@@ -178,10 +178,10 @@ def tessellate_face(
 ) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
-    With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the
-    parts it must be cut into) and returns NEEDS_SAMPLES. Otherwise READY, with the boundary, the triangulation, the map of boundary to
-    lattice points, the lattice frame, the largest triangle bound (mm), an extra trim error (mm), and
-    status and reason of what had to be done.
+    With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts
+    it must be cut into) and returns NEEDS_SAMPLES. Otherwise READY, with the boundary, the
+    triangulation, the map of boundary to lattice points, the lattice frame, the largest triangle bound
+    (mm), an extra trim error (mm), and status and reason of what had to be done.
     """
     b = gather_boundary(g, samples, row)
     n = len(b.next)
@@ -237,7 +237,7 @@ def tessellate_face(
             room = min(2 * room, most)
             continue
         if code == FULL:
-            status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, check)
+            status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, target, check)
         elif code != DONE and not final:
             for m in range(blame[0]):
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)

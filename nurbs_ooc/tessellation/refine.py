@@ -18,8 +18,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
-from nurbs_ooc.bounds.pieces import Pieces, crease_charge
-from nurbs_ooc.bounds.triangle_bound import triangle_bound
+from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
+from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, cell_bounds
@@ -130,10 +130,24 @@ def insert_grids(t: Triangulation, c: Cells, f: Frame, stack: Ints) -> int:
 
 @leaf
 def _corners_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, check: Check,
-    x0: float, y0: float, x1: float, y1: float, x2: float, y2: float,
-) -> float:  # fmt: skip
-    """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``."""
+    g: Tables,
+    p: Pieces,
+    row: int,
+    c: Cells,
+    f: Frame,
+    check: Check,
+    enough: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    x2: float,
+    y2: float,
+) -> float:
+    """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``.
+
+    The directions of second derivatives are looked at only where their norms do not give ``enough`` (mm).
+    """
     m = check.second
     # Half a lattice step wider, for corners were rounded.
     u0, u1 = f.u0 + f.du * (min(x0, x1, x2) - 0.5), f.u0 + f.du * (max(x0, x1, x2) + 0.5)
@@ -141,33 +155,40 @@ def _corners_bound(
     charge = 0.0
     kind = g.surfaces[row].kind
     if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
-        cell_bounds(c, u0, u1, v0, v1, kind == NURBS, check.stack, m)
+        cell_bounds(c, u0, u1, v0, v1, False, check.stack, m)
         if kind == NURBS:
-            charge = crease_charge(p, row, u0, u1, v0, v1)
+            charge = creases_in_box(p, row, u0, u1, v0, v1)
     else:
         closed_form_bounds(g, row, u0, u1, v0, v1, check.work, check.bounds)
         m[0], m[1], m[2] = check.bounds[MUU], check.bounds[MUV], check.bounds[MVV]
     du, dv = f.du, f.dv
-    return charge + triangle_bound(m, kind == NURBS, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+    bound = charge + norm_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+    if kind == NURBS and bound > enough:
+        cell_bounds(c, u0, u1, v0, v1, True, check.stack, m)
+        finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+        bound = min(bound, finer)
+    return bound
 
 
 @leaf
-def _bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check) -> float:
-    """Deviation bound of triangle k, mm."""
+def _bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check, enough: float
+) -> float:
+    """Deviation bound of triangle k, mm, as good as ``enough`` or the best known."""
     a, b, d = t.points[t.tri[k, 0]], t.points[t.tri[k, 1]], t.points[t.tri[k, 2]]
     return _corners_bound(
-        g, p, row, c, f, check, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+        g, p, row, c, f, check, enough, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
     )
 
 
 @leaf
 def segment_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, a: int, b: int, check: Check
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, a: int, b: int, check: Check, enough: float
 ) -> float:
     """Bound of the segment between two points alone, mm: no triangle on it has a smaller one."""
     q = t.points
     x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
-    return _corners_bound(g, p, row, c, f, check, x0, y0, x1, y1, 0.5 * (x0 + x1), 0.5 * (y0 + y1))
+    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, 0.5 * (x0 + x1), 0.5 * (y0 + y1))
 
 
 @leaf
@@ -180,7 +201,7 @@ def _edge_bound(
     x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
     x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     x, y = x + (q[d, 0] - x) / 16.0, y + (q[d, 1] - y) / 16.0
-    return _corners_bound(g, p, row, c, f, check, x0, y0, x1, y1, x, y)
+    return _corners_bound(g, p, row, c, f, check, 0.0, x0, y0, x1, y1, x, y)
 
 
 @leaf
@@ -279,7 +300,7 @@ def certify(
                 k += 1
                 continue
             t.tri[k, CHECKED] = 1
-            bound = _bound(g, p, row, c, f, t, k, check)
+            bound = _bound(g, p, row, c, f, t, k, check, target)
             if bound > target:
                 before = t.n[N_POINTS]
                 _local_metric(t, c, f, check.second, target)
@@ -300,10 +321,12 @@ def certify(
 
 
 @leaf
-def worst_bound(g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, check: Check) -> float:
+def worst_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check
+) -> float:
     """The largest deviation bound of any inner triangle, mm."""
     worst = 0.0
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
-            worst = max(worst, _bound(g, p, row, c, f, t, k, check))
+            worst = max(worst, _bound(g, p, row, c, f, t, k, check, target))
     return worst

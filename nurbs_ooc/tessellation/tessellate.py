@@ -192,7 +192,7 @@ def tessellate(
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
     g = tables(geometry)
     run = chunk_runner(workers)
-    pieces = surface_pieces(g)
+    pieces = surface_pieces(g, error)
     uses = edge_uses(g)
     wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
     samples = sample_edges(g, pieces, curve_pieces(g), uses, error, run)
