@@ -19,7 +19,7 @@ def _array_on_stack(shape: tuple[int, ...]) -> tuple[types.Array, Callable[..., 
     array_type = types.Array(types.float64, len(shape), "C")
     count = int(np.prod(shape))
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         place = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), count))
         array = context.make_array(array_type)(context, builder)
         strides = [8 * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
@@ -42,14 +42,14 @@ def _constant(size: Any) -> int:
     return int(size.literal_value)
 
 
-@intrinsic(prefer_literal=True)
-def _line(typing_context: Any, n: Any) -> Any:
+@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+def _line(_typing_context: Any, n: Any) -> Any:
     array_type, generate = _array_on_stack((_constant(n),))
     return array_type(n), generate
 
 
-@intrinsic(prefer_literal=True)
-def _table(typing_context: Any, n: Any, m: Any) -> Any:
+@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
+def _table(_typing_context: Any, n: Any, m: Any) -> Any:
     array_type, generate = _array_on_stack((_constant(n), _constant(m)))
     return array_type(n, m), generate
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -88,17 +88,24 @@ def join_meshes(meshes: Sequence[MeshBatch]) -> MeshBatch:
     """All faces of some meshes (at least one), mesh after mesh."""
     if len(meshes) == 1:
         return meshes[0]
+    first = np.concatenate([[0], np.cumsum([len(m.positions) for m in meshes])])
 
-    def starts(name: str) -> npt.NDArray[np.int64]:
-        counts = [np.diff(getattr(m, name)) for m in meshes]
-        return np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
+    def starts(parts: Iterable[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
+        return np.concatenate([[0], np.cumsum(np.concatenate([np.diff(p) for p in parts]))]).astype(np.int64)
 
-    def rows(name: str, first: npt.NDArray[np.int64] | None = None) -> npt.NDArray[np.generic]:
-        parts = [getattr(m, name) for m in meshes]
-        return np.concatenate(parts if first is None else [p + f for p, f in zip(parts, first, strict=True)])
-
-    first = np.concatenate([[0], np.cumsum([len(m.positions) for m in meshes])])[:-1]
-    whole = {f.name: rows(f.name) for f in fields(MeshBatch) if not f.name.endswith("_start")}
-    whole |= {"triangles": rows("triangles", first), "segments": rows("segments", first)}
-    whole |= {name: starts(name) for name in ("vertex_start", "triangle_start", "segment_start")}
-    return MeshBatch(**whole)
+    return MeshBatch(
+        faces=np.concatenate([m.faces for m in meshes]),
+        vertex_start=starts(m.vertex_start for m in meshes),
+        triangle_start=starts(m.triangle_start for m in meshes),
+        segment_start=starts(m.segment_start for m in meshes),
+        positions=np.concatenate([m.positions for m in meshes]),
+        normals=np.concatenate([m.normals for m in meshes]),
+        parameters=np.concatenate([m.parameters for m in meshes]),
+        triangles=np.concatenate([m.triangles + at for m, at in zip(meshes, first, strict=False)]),
+        segments=np.concatenate([m.segments + at for m, at in zip(meshes, first, strict=False)]),
+        surface_error=np.concatenate([m.surface_error for m in meshes]),
+        trim_error=np.concatenate([m.trim_error for m in meshes]),
+        pcurve_error=np.concatenate([m.pcurve_error for m in meshes]),
+        status=np.concatenate([m.status for m in meshes]),
+        reason=np.concatenate([m.reason for m in meshes]),
+    )
