@@ -40,8 +40,10 @@ MAX_GRID = 1 << 12
 WORTH = 0.85
 # So two halves of one triangle pair each can never be worth the split of two.
 UNDIVIDED = 2.0
+# A rational cell of more quadrilaterals is split in any case.
+MOST_UNTRIED = 64.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
-MAX_CELLS = 1 << 20
+MAX_CELLS = 1 << 18
 
 
 # Columns of ``Cells.node`` and ``Cells.box``.
@@ -267,7 +269,9 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
                 both += float(nu) * float(nv)
                 depth[kid] = depth[node] + 1
             large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
-            if both <= WORTH * cost or (not single and cost > 4.0) or large:
+            # Bounds of a rational cell shrink much faster than it does while its weights are far from equal.
+            coarse = cost > MOST_UNTRIED and g.surfaces[row].rational != 0
+            if both <= WORTH * cost or (not single and cost > 4.0) or large or coarse:
                 c.node[node, CHILD] = n
                 c.node[node, AXIS] = 0 if along_u else 1
                 c.box[node, CUT] = cut

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, curve_bounds
 from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
@@ -33,9 +34,12 @@ Ints = npt.NDArray[np.int64]
 TRIM_SHARE = 0.25
 # The surface's deviation along the boundary leaves at least this share to the direction across it.
 ACROSS_SHARE = 0.5
-# An interval that needs several samples is measured again in parts, one for so many samples, at most MAX_PARTS.
-SAMPLES_PER_PART = 2.0
-MAX_PARTS = 16
+# An interval that needs several samples is measured again in halves while these are less demanding, to so many parts.
+SEVERAL = 1.5
+PAYS = 0.8
+MAX_PARTS = 32
+MAX_HALVINGS = 12
+LEVELS = MAX_HALVINGS + 1
 # Breaks closer than this part of the edge are one.
 SAME_BREAK = 1e-12
 # Faces at one edge whose slivers are told apart; those of further ones count as the largest.
@@ -210,6 +214,54 @@ def break_room(g: Tables, uses: EdgeUses, e: int) -> int:
 
 
 @leaf
+def _append(d: Demand, at: int, start: float, fixed: int, demand: float, bend: float) -> int:
+    """Write interval ``at``, whose slivers are in ``d.trims``; the number of the next."""
+    d.breaks[at] = start
+    d.fixed[at] = fixed
+    d.demand[at], d.bend[at] = demand, bend
+    for m in range(MAX_USES):
+        d.sliver[m, at] = d.trims[m]
+    return at + 1
+
+
+@leaf
+def _divide(
+    g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, start: float, end: float, error: float, fixed: int,
+    whole: float, bend: float, d: Demand, at: int,
+) -> int:  # fmt: skip
+    """Append a knot interval in halves of halves, as long as they hold several samples and halving pays.
+
+    ``whole`` and ``bend`` are its demands; returns the number of the next interval.
+    """
+    first = at
+    demands = local_line(LEVELS)
+    bends = local_line(LEVELS)
+    demands[0], bends[0] = whole, bend
+    depth = 0
+    index = 0
+    while True:
+        parts = float(1 << depth)
+        a = start + (end - start) * index / parts
+        b = start + (end - start) * (index + 1) / parts
+        if depth > 0:
+            own, own_bend = _demand(g, p, c, uses, e, a, b, error, True, d)
+            demands[depth], bends[depth] = min(own, demands[depth - 1]), min(own_bend, bends[depth - 1])
+        several = math.sqrt(demands[depth] / 8.0) * (b - a) > SEVERAL
+        pays = depth == 0 or demands[depth] < PAYS * demands[depth - 1]
+        if several and pays and depth < MAX_HALVINGS and at - first + depth + 2 <= MAX_PARTS:
+            depth += 1
+            index *= 2
+            continue
+        at = _append(d, at, a, fixed if at == first else 0, demands[depth], bends[depth])
+        index += 1
+        while depth > 0 and index % 2 == 0:
+            index //= 2
+            depth -= 1
+        if index >= 1 << depth:
+            return at
+
+
+@leaf
 def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, error: float, d: Demand) -> int:
     """Fill ``d`` for edge ``e`` and an error in mm; returns the number of intervals, refined where uneven.
 
@@ -227,24 +279,11 @@ def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, er
     even = _even(g, uses, e)
     at = 0
     for k in range(n - 1):
-        start, end = d.knots[k], d.knots[k + 1]
-        whole, bend = _demand(g, p, c, uses, e, start, end, error, False, d)
-        expected = math.sqrt(whole / 8.0) * (end - start)
-        parts = 1
-        if expected > 1.5 and not even:
-            parts = min(MAX_PARTS, math.ceil(expected / SAMPLES_PER_PART))
-        for i in range(parts):
-            a = start + (end - start) * i / parts
-            b = start + (end - start) * (i + 1) / parts
-            d.breaks[at] = a
-            d.fixed[at] = d.full[k] if i == 0 else 0
-            d.demand[at], d.bend[at] = whole, bend
-            if expected > 1.5 and not even:
-                own, own_bend = _demand(g, p, c, uses, e, a, b, error, True, d)
-                d.demand[at], d.bend[at] = min(own, whole), min(own_bend, bend)
-            for m in range(MAX_USES):
-                d.sliver[m, at] = d.trims[m]
-            at += 1
+        whole, bend = _demand(g, p, c, uses, e, d.knots[k], d.knots[k + 1], error, False, d)
+        if even:
+            at = _append(d, at, d.knots[k], d.full[k], whole, bend)
+        else:
+            at = _divide(g, p, c, uses, e, d.knots[k], d.knots[k + 1], error, d.full[k], whole, bend, d, at)
     d.breaks[at] = d.knots[n - 1]
     d.fixed[at] = 1
     return at

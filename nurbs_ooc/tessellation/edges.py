@@ -41,7 +41,7 @@ AIM = 0.999
 # A third of a turn is the longest chord that still encloses area.
 LONGEST_TURN = 2.0 * math.pi / 3.0
 # Samples of one edge: beyond it the error is reported as it is.
-MAX_SAMPLES = 1 << 18
+MAX_SAMPLES = 1 << 16
 # Depth of halving of one segment.
 MAX_HALVINGS = 32
 

@@ -22,7 +22,7 @@ from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, CellScratch, build_cells
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
-from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length
+from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
 from nurbs_ooc.tessellation.refine import (
     DONE,
     FULL,
@@ -58,7 +58,7 @@ BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 READY, NEEDS_SAMPLES = 0, 1
 # Points of one face, absolutely and by what its grids and boundary promise; a face that wants more keeps
 # the bound it has reached and says so.
-MAX_POINTS = 1 << 24
+MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
 SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
@@ -245,6 +245,9 @@ def tessellate_face(
             for m in range(blame[0]):
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
             return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
-        if worst > target and status == 0:
-            status, reason = DEGRADED, BUDGET_EXHAUSTED
+        if worst > target:
+            # No point is farther off than the face is large.
+            worst = min(worst, surface_diagonal(g, row, b))
+            if status == 0:
+                status, reason = DEGRADED, BUDGET_EXHAUSTED
         return READY, b, t, point, f, worst, extra, status, reason

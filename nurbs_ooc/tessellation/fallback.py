@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
+from nurbs_ooc.geometry.surface import NURBS
+from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
@@ -53,4 +55,24 @@ def box_diagonal(b: Boundary) -> float:
     for k in range(3):
         if len(b.position):
             total += (b.position[:, k].max() - b.position[:, k].min()) ** 2
+    return math.sqrt(total)
+
+
+@leaf
+def surface_diagonal(g: Tables, row: int, b: Boundary) -> float:
+    """Diagonal of a box that holds a B-spline surface and its boundary points, mm; infinite for other kinds."""
+    s = g.surfaces[row]
+    if s.kind != NURBS:
+        return math.inf
+    step = 4 if s.rational else 3
+    total = 0.0
+    for k in range(3):
+        low, high = math.inf, -math.inf
+        for i in range(s.n_u * s.n_v):
+            at = s.points + i * step
+            x = g.values[at + k] / g.values[at + 3] if s.rational else g.values[at + k]
+            low, high = min(low, x), max(high, x)
+        for i in range(len(b.position)):
+            low, high = min(low, b.position[i, k]), max(high, b.position[i, k])
+        total += (high - low) ** 2
     return math.sqrt(total)

@@ -17,6 +17,7 @@ from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.derivatives import BOXES
 from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
+from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.cells import CellScratch
 from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
@@ -93,8 +94,12 @@ def _run_faces(
 
 
 def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
-    """Exact faces that a gap in the file keeps above the error asked for are healed, and say why."""
-    kept_open = (errors.sum(axis=1) > error) & (errors[:, 2] > 0.0) & (codes[:, 1] == FaceStatus.EXACT)
+    """Exact faces that a gap in the file keeps above the error asked for are healed, and say why.
+
+    Without the gap they would have kept it: what surface and trim take is within the error.
+    """
+    over = (errors.sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
+    kept_open = over & (codes[:, 1] == FaceStatus.EXACT)
     codes[kept_open, 1] = FaceStatus.HEALED
     codes[kept_open, 2] = FaceReason.FILE_GAP
 
@@ -153,7 +158,8 @@ def _checked_error(geometry: GeometryBatch, chord_error: float) -> float:
     """The error, if it is one that float64 coordinates of this size can keep."""
     if not (chord_error > 0.0 and np.isfinite(chord_error)):
         raise UsageError(f"chord error {chord_error} mm: must be finite and above 0")
-    size = float(np.abs(geometry.vertices).max()) if len(geometry.vertices) else 0.0
+    finite = geometry.vertices[np.isfinite(geometry.vertices)]
+    size = float(np.abs(finite).max()) if len(finite) else 0.0
     if chord_error < size * SMALLEST_ERROR:
         raise UsageError(
             f"chord error {chord_error} mm: below {size * SMALLEST_ERROR:.3g} mm, "
@@ -190,7 +196,7 @@ def tessellate(
     error = _checked_error(geometry, chord_error)
     if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    g = tables(geometry)
+    g = sound_tables(tables(geometry))
     run = chunk_runner(workers)
     pieces = surface_pieces(g, error)
     uses = edge_uses(g)
