@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.row_pages import clean_rows
 from nurbs_cache.surface_record import (
     COEDGE_DTYPE,
     CURVE_DTYPE,
@@ -74,6 +73,15 @@ class BulkBuilder:
         self._counts["vertices"] += len(points)
         return np.arange(first, first + len(points))
 
+    def vertex(self, row: int) -> Array:
+        """(3,) the vertex in ``row``."""
+        first = self._counts["vertices"]
+        for points in self._vertices[::-1]:  # the latest are asked for most
+            first -= len(points)
+            if row >= first:
+                return points[row - first]
+        raise IndexError(row)
+
     def curves(self, degree: int, knots: Array, points: Array, *, rational: bool = False) -> Rows:
         """Append n B-spline curves of one knot vector.
 
@@ -105,8 +113,8 @@ class BulkBuilder:
 
     def stretches(self, curves: Rows, t0: float | Array, t1: float | Array) -> Rows:
         """Append curves that are the stretches t0..t1 of others, sharing their control points."""
-        self._tables["curves"] = [np.concatenate(self._tables["curves"])]
-        table = self._tables["curves"][0][curves]
+        self._tables["curves"] = [_joined(self._tables["curves"], CURVE_DTYPE)]
+        table = _taken(self._tables["curves"][0], curves)
         table["t0"], table["t1"] = t0, t1
         return self._append("curves", table)
 
@@ -192,7 +200,7 @@ class BulkBuilder:
         return GeometryBatch(
             surfaces=surfaces,
             loops=loops,
-            coedges=clean_rows(_joined(self._coedges, COEDGE_DTYPE)[order], COEDGE_DTYPE),
+            coedges=_taken(_joined(self._coedges, COEDGE_DTYPE), order),
             edges=_joined(self._tables["edges"], EDGE_DTYPE),
             curves=_joined(self._tables["curves"], CURVE_DTYPE),
             vertices=np.concatenate([*self._vertices, np.empty((0, 3))]),
@@ -202,5 +210,10 @@ class BulkBuilder:
 
 
 def _joined(tables: list[npt.NDArray[np.void]], dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
-    """One table with zero padding bytes: equal content, equal bytes."""
-    return clean_rows(np.concatenate([*tables, np.zeros(0, dtype)]), dtype)
+    """One table, byte for byte: padding stays zero, so that equal content is equal bytes."""
+    return np.frombuffer(bytearray(b"".join(table.tobytes() for table in tables)), dtype)
+
+
+def _taken(table: npt.NDArray[np.void], rows: Rows) -> npt.NDArray[np.void]:
+    """Rows of a table, byte for byte."""
+    return table.view(f"V{table.dtype.itemsize}")[rows].view(table.dtype)

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.synth.bulk_builder import BulkBuilder, Rows
-from nurbs_ooc.synth.curve_on_surface import add_carried_curves, carried, check_nodes, curve_nodes
+from nurbs_ooc.synth.curve_on_surface import add_carried_curves, check_nodes, curve_nodes
 from nurbs_ooc.synth.patch_grid import Division, PatchGrid, PatchGroup, add_patch_grid
+from nurbs_ooc.synth.punched import cut_rings
 from nurbs_ooc.synth.spline import basis_matrix, clamped_knots
 
 Array = npt.NDArray[np.float64]
@@ -22,8 +23,8 @@ COLUMNS, ROWS = 25, 40
 CELL_U, CELL_V = 200.0, 100.0  # mm
 SIZES_U = (8,) * COLUMNS
 SIZES_V = (9,) * 35 + (10,) * 5  # (25 x 8) x (40 x 9.125) / 1000 = 73 control points a face
-CUT_POINTS, HOLE_POINTS = 14, 26
-"""Control points of a cut's and a hole's space curve."""
+CUT_POINTS = 14
+"""Control points of a cut's space curve."""
 
 
 def _sheet(s: Array, t: Array) -> Array:
@@ -94,7 +95,7 @@ def _halve(builder: BulkBuilder, grid: PatchGrid, cuts: _Cuts, group: PatchGroup
     ends = cuts.points[i, j], cuts.points[i, j + 1]
     nodes = cut(curve_nodes(CUT_POINTS)), cut(check_nodes(CUT_POINTS))
     size = CUT_POINTS
-    curve, gap = add_carried_curves(
+    curve, gap, _ = add_carried_curves(
         builder, group.nets, group.degrees, nodes, rational=group.rational, size=size, ends=ends
     )
     edge = builder.edges(curve, cuts.vertices[i, j], cuts.vertices[i, j + 1], tolerance=gap)
@@ -130,20 +131,5 @@ def _punch(
     if not n:
         return
     center = np.stack([u + rng.uniform(-0.02, 0.02, n), rng.uniform(0.45, 0.55, n)], axis=1)
-    radius = rng.uniform(10.0, 20.0, n)
-    a, b = (np.zeros((n, 2)) for _ in range(2))
-    a[:, 0], b[:, 1] = radius / CELL_U, -radius / CELL_V  # clockwise: a hole
-
-    def ring(t: Array) -> Array:
-        angle = 2.0 * np.pi * t[:, None]
-        return np.asarray(center[:, None] + np.cos(angle) * a[:, None] + np.sin(angle) * b[:, None])
-
-    nets = group.nets[which]
-    start = carried(nets, group.degrees, ring(np.zeros(1)), rational=group.rational)[:, 0]
-    nodes = ring(curve_nodes(HOLE_POINTS)), ring(check_nodes(HOLE_POINTS))
-    curve, gap = add_carried_curves(
-        builder, nets, group.degrees, nodes, rational=group.rational, size=HOLE_POINTS, ends=(start, start)
-    )
-    vertices = builder.vertices(start)
-    edges = builder.edges(curve, vertices, vertices, tolerance=gap)
-    builder.coedges(faces, 1, 0, edges, builder.ellipses(center, a, b))
+    radii = rng.uniform(10.0, 20.0, n)[:, None] / (CELL_U, CELL_V)
+    cut_rings(builder, faces, group.nets[which], group.degrees, center, radii, rational=group.rational)

@@ -7,6 +7,8 @@ and stated as the edge's tolerance).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -36,25 +38,35 @@ def add_carried_curves(
     rational: bool,
     size: int,
     ends: tuple[Array, Array] | None = None,
-) -> tuple[Rows, Array]:
+    closed: bool = False,
+) -> tuple[Rows, Array, Array]:
     """Append one space curve over 0..1 for each of k surfaces.
 
     Args:
         nets: (k, n_u, n_v, 3 or 4).
         uv_at: the p-curves (k, m, 2) at ``curve_nodes(size)`` and at the places where the gap is measured.
         ends: (k, 3) each: the points where the curves begin and end, exactly.
+        closed: they end where they begin.
 
     Returns:
-        Rows of the curves and the largest measured gap of each, mm.
+        Rows of the curves, the largest measured gap of each in mm, and their control points (k, size, 3).
     """
-    points = carried(nets, degrees, uv_at[0], rational=rational)
+    both = carried(nets, degrees, np.concatenate(uv_at, axis=1), rational=rational)
+    points = both[:, :size].copy()
     if ends is not None:
         points[:, 0], points[:, -1] = ends
+    if closed:
+        points[:, -1] = points[:, 0]
     control = fit_curves(points, DEGREE)
-    between = basis_matrix(clamped_knots(size, DEGREE), DEGREE, check_nodes(size))
-    off = np.einsum("mi,kid->kmd", between, control) - carried(nets, degrees, uv_at[1], rational=rational)
-    gap = np.sqrt(np.einsum("kmd,kmd->km", off, off).max(axis=1))
-    return builder.curves(DEGREE, clamped_knots(size, DEGREE), control), gap
+    off = _between(size) @ control - both[:, size:]
+    gap = np.sqrt((off**2).sum(axis=2).max(axis=1))
+    return builder.curves(DEGREE, clamped_knots(size, DEGREE), control), gap, control
+
+
+@lru_cache(maxsize=64)
+def _between(size: int) -> Array:
+    """(m, size) values of the basis functions at ``check_nodes(size)``."""
+    return basis_matrix(clamped_knots(size, DEGREE), DEGREE, check_nodes(size))
 
 
 def curve_nodes(size: int) -> Array:

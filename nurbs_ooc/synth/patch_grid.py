@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_ooc.synth.bulk_builder import BulkBuilder
-from nurbs_ooc.synth.spline import basis_matrix, clamped_knots, fit_curves, fit_surfaces, greville
+from nurbs_ooc.synth.spline import clamped_knots, collocation, fit_curves, fit_surfaces, greville
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -103,6 +103,14 @@ class PatchGrid:
     vertices: Rows
     groups: list[PatchGroup]
 
+    def net(self, column: int, row: int) -> Array:
+        """The control net of one patch."""
+        for group in self.groups:
+            at = np.flatnonzero((group.column == column) & (group.row == row))
+            if len(at):
+                return group.nets[at[0]]
+        raise IndexError((column, row))
+
 
 def _classes(sizes: Sequence[int], degrees: Sequence[int]) -> dict[tuple[int, int], list[int]]:
     """Intervals by (size, degree)."""
@@ -145,9 +153,7 @@ def _nets(points: Array, degrees: tuple[int, int], weights: Weights | None) -> A
     if weights is None:
         return fit_surfaces(points, *degrees)
     n_u, n_v = points.shape[1:3]
-    at_u = basis_matrix(clamped_knots(n_u, degrees[0]), degrees[0], greville(n_u, degrees[0]))
-    at_v = basis_matrix(clamped_knots(n_v, degrees[1]), degrees[1], greville(n_v, degrees[1]))
-    scale = np.einsum("ia,kab,jb->kij", at_u, weights, at_v, optimize=True)[..., None]
+    scale = (collocation(n_u, degrees[0]) @ weights @ collocation(n_v, degrees[1]).T)[..., None]
     return np.concatenate([fit_surfaces(scale * points, *degrees), weights[..., None]], axis=3)
 
 

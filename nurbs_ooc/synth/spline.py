@@ -51,9 +51,17 @@ def greville(n: int, degree: int) -> Array:
 
 
 @lru_cache(maxsize=512)
+def collocation(n: int, degree: int) -> Array:
+    """(n, n) values of the basis functions at the Greville parameters."""
+    matrix = basis_matrix(clamped_knots(n, degree), degree, greville(n, degree))
+    matrix.flags.writeable = False
+    return matrix
+
+
+@lru_cache(maxsize=512)
 def fit_matrix(n: int, degree: int) -> Array:
     """(n, n) from points at the Greville parameters to control points; its first and last row pick the ends."""
-    matrix: Array = np.linalg.inv(basis_matrix(clamped_knots(n, degree), degree, greville(n, degree)))
+    matrix: Array = np.array(np.linalg.inv(collocation(n, degree)), np.float64)
     matrix[0], matrix[-1] = np.eye(n)[0], np.eye(n)[-1]
     matrix.flags.writeable = False
     return matrix
@@ -61,7 +69,7 @@ def fit_matrix(n: int, degree: int) -> Array:
 
 def fit_curves(points: Array, degree: int) -> Array:
     """(k, n, dim) control points of the curves through ``points`` (k, n, dim) at the Greville parameters."""
-    return np.einsum("ij,kjd->kid", fit_matrix(points.shape[1], degree), points)
+    return np.asarray(fit_matrix(points.shape[1], degree) @ points)
 
 
 def fit_surfaces(points: Array, degree_u: int, degree_v: int) -> Array:
@@ -70,15 +78,15 @@ def fit_surfaces(points: Array, degree_u: int, degree_v: int) -> Array:
     Boundary rows depend on boundary points alone, so neighbours that share those share the curve.
     """
     u, v = fit_matrix(points.shape[1], degree_u), fit_matrix(points.shape[2], degree_v)
-    # Corner and border values pass through untouched: 1 * x and 0 * y are exact.
-    return np.einsum("ij,kjmd->kimd", u, np.einsum("lm,kjmd->kjld", v, points))
+    k, n_u, n_v, dim = points.shape
+    along_v = (v @ points).reshape(k, n_u, n_v * dim)
+    return np.asarray(u @ along_v).reshape(k, n_u, n_v, dim)
 
 
 def evaluate_surfaces(points: Array, degrees: tuple[int, int], u: Array, v: Array) -> Array:
     """(k, m, dim) homogeneous or plain points of k surfaces on equal spans at (u, v), each (k, m)."""
     n_u, n_v = points.shape[1:3]
-    knots_u, knots_v = clamped_knots(n_u, degrees[0]), clamped_knots(n_v, degrees[1])
-    a = basis_matrix(knots_u, degrees[0], u.reshape(-1)).reshape(*u.shape, n_u)
-    b = basis_matrix(knots_v, degrees[1], v.reshape(-1)).reshape(*v.shape, n_v)
-    columns = np.einsum("kmi,kijd->kmjd", a, points, optimize=True)
-    return np.einsum("kmjd,kmj->kmd", columns, b)
+    a = basis_matrix(clamped_knots(n_u, degrees[0]), degrees[0], u.reshape(-1)).reshape(*u.shape, n_u)
+    b = basis_matrix(clamped_knots(n_v, degrees[1]), degrees[1], v.reshape(-1)).reshape(*v.shape, n_v)
+    columns = (a @ points.reshape(len(points), n_u, -1)).reshape(*u.shape, n_v, -1)
+    return np.asarray(b[..., None, :] @ columns)[..., 0, :]
