@@ -70,7 +70,7 @@ def _solve(net: Array, degrees: tuple[int, int], target: Array, start: Array, *,
     """Parameters (m, 2) whose points have the side view ``target`` (m, 2); on the border: the wanted distance."""
     uv, h = start.copy(), 1e-6
     for _ in range(30):
-        stack = np.concatenate([uv, uv + (h, 0.0), uv + (0.0, h)])
+        stack = np.concatenate([uv, uv + np.array([h, 0.0]), uv + np.array([0.0, h])])
         xz = carried(net[None], degrees, np.clip(stack, 0.0, 1.0)[None], rational=False)[0][:, [0, 2]]
         at, du, dv = xz[: len(uv)], xz[len(uv) : 2 * len(uv)], xz[2 * len(uv) :]
         jacobian = np.stack([du - at, dv - at], axis=2) / h

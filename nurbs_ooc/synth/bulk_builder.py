@@ -82,6 +82,10 @@ class BulkBuilder:
                 return points[row - first]
         raise IndexError(row)
 
+    def all_vertices(self) -> Array:
+        """(n, 3) all vertices so far."""
+        return np.concatenate([*self._vertices, np.empty((0, 3))])
+
     def curves(self, degree: int, knots: Array, points: Array, *, rational: bool = False) -> Rows:
         """Append n B-spline curves of one knot vector.
 
@@ -203,7 +207,7 @@ class BulkBuilder:
             coedges=_taken(_joined(self._coedges, COEDGE_DTYPE), order),
             edges=_joined(self._tables["edges"], EDGE_DTYPE),
             curves=_joined(self._tables["curves"], CURVE_DTYPE),
-            vertices=np.concatenate([*self._vertices, np.empty((0, 3))]),
+            vertices=self.all_vertices(),
             values=np.concatenate([*self._values, np.empty(0)]),
             sources=list(sources),
         )

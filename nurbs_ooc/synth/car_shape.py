@@ -1,9 +1,9 @@
-"""The outside of a car as a few smooth master shapes: lower body, greenhouse, bonnet, roof, boot lid.
+r"""The outside of a car as a few smooth master shapes: lower body, greenhouse, bonnet, roof, boot lid.
 
 ::
 
                  ____roof____
-        screen  /  greenhouse\\            x backwards from the bumper, y to the left, z up from the road;
+        screen  /  greenhouse\            x backwards from the bumper, y to the left, z up from the road;
      __bonnet__/______________\\_boot      s runs around the left half from the front's middle (0) to the
     (___________lower body______)         rear's middle (1), t upwards
         (o)               (o)
@@ -206,7 +206,7 @@ class Masters:
 
     @property
     def pillars(self) -> tuple[float, float]:
-        """s at which the roof's front and rear edges turn into its sides."""
+        """Where along s the roof's front and rear edges turn into its sides."""
         return 0.24, 0.80
 
 

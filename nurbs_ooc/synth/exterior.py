@@ -38,17 +38,17 @@ class Cut:
 
 def drawn_in(master: Surface, cut: Cut, gap: float = 0.5 * SHUT_LINE) -> Surface:
     """The part of ``master`` inside ``cut`` and ``gap`` mm away from its borders, over the unit square."""
-    s, t = np.array([cut.s0, 0.5 * (cut.s0 + cut.s1), cut.s1]), np.array([cut.t0, 0.5 * (cut.t0 + cut.t1), cut.t1])
+    middle = np.array([0.5 * (cut.s0 + cut.s1)]), np.array([0.5 * (cut.t0 + cut.t1)])
     ds, dt = 1e-3 * (cut.s1 - cut.s0), 1e-3 * (cut.t1 - cut.t0)
-    speed_s = [
-        np.linalg.norm(np.diff(master(np.array([a, a + d]), t[1:2])[:, 0], axis=0)) / ds
-        for a, d in ((s[0], ds), (s[2] - ds, ds))
-    ]
-    speed_t = [
-        np.linalg.norm(np.diff(master(s[1:2], np.array([a, a + dt]))[0], axis=0)) / dt for a in (t[0], t[2] - dt)
-    ]
-    s0, s1 = cut.s0 + gap / max(speed_s[0], 1e-6), cut.s1 - gap / max(speed_s[1], 1e-6)
-    t0, t1 = cut.t0 + gap / max(speed_t[0], 1e-6), cut.t1 - gap / max(speed_t[1], 1e-6)
+
+    def steps(s: Array, t: Array) -> float:
+        """Millimetres that a small step covers."""
+        return max(float(np.linalg.norm(np.ptp(master(s, t).reshape(2, 3), axis=0))), 1e-9)
+
+    s0 = cut.s0 + gap * ds / steps(np.array([cut.s0, cut.s0 + ds]), middle[1])
+    s1 = cut.s1 - gap * ds / steps(np.array([cut.s1 - ds, cut.s1]), middle[1])
+    t0 = cut.t0 + gap * dt / steps(middle[0], np.array([cut.t0, cut.t0 + dt]))
+    t1 = cut.t1 - gap * dt / steps(middle[0], np.array([cut.t1 - dt, cut.t1]))
     return lambda u, v: master(s0 + u * (s1 - s0), t0 + v * (t1 - t0))
 
 
@@ -135,7 +135,7 @@ class Exterior:
             self.panel(f"{name} moulding", "trim", strip, (3, 1), "plastic", both=True, thickness=7.0, lift=8.5)
             reach = s1 - s0
             grip = drawn_in(m.lower, Cut(s1 - 0.24 * reach, s1 - 0.06 * reach, 0.735, 0.775), 0.0)
-            self.panel(f"{name} handle", "trim", grip, (2, 1), "paint", both=True, thickness=16.0, lift=22.0)
+            self.panel(f"{name} handle", "trim", grip, (2, 1), "plastic", both=True, thickness=16.0, lift=22.0)
         self.panel("sill", "sides", drawn_in(m.lower, Cut(doors[0], doors[-1], 0.0, low)), (4, 1), "paint", both=True)
 
     def _nose(self) -> None:
@@ -170,7 +170,7 @@ class Exterior:
             )
         lip = drawn_in(m.lower, Cut(-side, side, 0.9, 1.0), 1.0)
         self.panel("bonnet lip", "nose", lip, (4, 1), "paint")
-        plate = drawn_in(m.lower, Cut(-0.6 * side, 0.6 * side, 0.27, 0.43), 0.0)
+        plate = drawn_in(m.lower, Cut(-0.42 * side, 0.42 * side, 0.27, 0.43), 0.0)
         self.panel("front number plate", "nose", plate, (2, 1), "plate white", thickness=2.0, lift=6.0)
 
         def bonnet(u: Array, v: Array) -> Array:
@@ -200,7 +200,7 @@ class Exterior:
         self.panel("tail corner", "tail", cap, (2, 1), "paint", both=True)
         gate = drawn_in(m.lower, Cut(side, 2.0 - side, REAR_BUMPER_TOP, 1.0))
         self.panel("boot lid face" if car.boot else "tailgate", "tail", gate, (4, 3), "paint")
-        plate = drawn_in(m.lower, Cut(1.0 - 0.5 * (1.0 - side), 1.0 + 0.5 * (1.0 - side), 0.6, 0.74), 0.0)
+        plate = drawn_in(m.lower, Cut(1.0 - 0.4 * (1.0 - side), 1.0 + 0.4 * (1.0 - side), 0.6, 0.74), 0.0)
         self.panel("rear number plate", "tail", plate, (2, 1), "plate white", thickness=2.0, lift=5.0)
         if car.boot:
             deck = m.s_at(car.screen_foot[-4][0] + 60.0)

@@ -23,7 +23,7 @@ def _hex_bolt(solid: SolidBuilder, d: float, length: float) -> None:
 def _flange_bolt(solid: SolidBuilder, d: float, length: float) -> None:
     """Hexagon head on a round flange."""
     solid.turned([(d / 2, -length), (d / 2, -0.1), (1.1 * d, 0.0), (1.1 * d, 0.14 * d), (0.95 * d, 0.2 * d)])
-    lifted = SolidBuilder(solid._builder, np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.2 * d]]), solid._material)
+    lifted = SolidBuilder(solid.builder, np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.2 * d]]), solid.material)
     lifted.plate(Outline.regular(6, 1.5 * d), 0.0, 0.6 * d)
 
 

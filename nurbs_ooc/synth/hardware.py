@@ -65,7 +65,7 @@ def brackets(
             break
         box = pick(boxes, rng)
         place = np.concatenate([upright(rng), np.zeros((3, 1))], axis=1)
-        points = np.concatenate(part.builder._vertices) @ place[:, :3].T
+        points = part.builder.all_vertices() @ place[:, :3].T
         low, size = points.min(axis=0), np.ptp(points, axis=0)
         if (size > box.size).any():
             place[:, :3] *= 0.9 * float((box.size / size).min())

@@ -146,9 +146,10 @@ def _wheel_houses(shape: CarShape, roles: dict[str, int]) -> list[PartDraft]:
     columns, rows = Division.even(6, 6, 3), Division.even(2, 4, 3)
     angle, across = np.meshgrid(np.pi * (1.08 - 1.16 * columns.nodes()), rows.nodes(), indexing="ij")
     builder = BulkBuilder()
-    sheets = []
-    for radius in (shape.wheel_radius + 46.0, shape.wheel_radius + 49.0):
-        sheets.append(np.stack([radius * np.cos(angle), 845.0 - 285.0 * across, radius * np.sin(angle)], axis=2))
+    sheets = [
+        np.stack([radius * np.cos(angle), 845.0 - 285.0 * across, radius * np.sin(angle)], axis=2)
+        for radius in (shape.wheel_radius + 46.0, shape.wheel_radius + 49.0)
+    ]
     add_shell(builder, sheets[0], sheets[1], columns, rows, Looks(material=roles["underbody"]))
     places = [shift(x, 0.0, shape.wheel_radius) for x in shape.wheelbase]
     drum = PartDraft("wheel house", ("body in white",), builder, places + [chained(MIRRORED, p) for p in places])
@@ -165,13 +166,13 @@ def fittings(shape: CarShape, roles: dict[str, int], rng: np.random.Generator, f
     p = 1 + fineness
     at = shape.doors[0] + 190.0
     mirror = soft_block((150.0, 230.0, 150.0), (p, p), roles["paint"], rng)
-    place = turn(2, 0.12, at, 935.0, 1010.0)
+    place = turn(2, 0.12, at, 905.0, 1010.0)
     parts.append(PartDraft("door mirror", ("exterior", "mirrors"), mirror, [place, chained(MIRRORED, place)]))
     foot = soft_block((70.0, 120.0, 40.0), (1, 1), roles["plastic"], rng)
-    place = shift(at - 10.0, 800.0, 965.0)
+    place = shift(at - 10.0, 790.0, 965.0)
     parts.append(PartDraft("mirror foot", ("exterior", "mirrors"), foot, [place, chained(MIRRORED, place)]))
     pane = soft_block((6.0, 190.0, 115.0), (1, 1), roles["mirror glass"], rng)
-    place = turn(2, 0.12, at + 74.0, 938.0, 1010.0)
+    place = turn(2, 0.12, at + 74.0, 908.0, 1010.0)
     parts.append(PartDraft("mirror pane", ("exterior", "mirrors"), pane, [place, chained(MIRRORED, place)]))
     foot_x = shape.screen_foot[0][0]
     for name, y0, y1 in (("driver wiper", 450.0, -120.0), ("passenger wiper", -90.0, -560.0)):

@@ -105,9 +105,9 @@ class CarModel:
             role = PRESSING_ROLES[k % len(PRESSING_ROLES)]
             builder, place, box = make_pressing(plan, self._scale, self._boxes, self._roles[role])
             yield PartDraft(f"{'shell' if plan.closed else 'sheet'} {k + 1}", ("fill", box.name), builder, [place])
-        low = np.array(self._boxes[0].low)
+        low = self._boxes[0].low
         for k, builder in enumerate(labels(*self._left, self._roles["plate white"])):
-            place = shift(*(low + (70.0 * (k % 6), 50.0 * (k // 6), 20.0)))
+            place = shift(low[0] + 70.0 * (k % 6), low[1] + 50.0 * (k // 6), low[2] + 20.0)
             yield PartDraft(f"label {k + 1}", ("fill", "labels"), builder, [place])
 
 

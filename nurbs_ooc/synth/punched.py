@@ -105,7 +105,7 @@ def punch_sheet(builder: BulkBuilder, grid: PatchGrid, holes: Holes) -> None:
 
 
 def punch_shell(
-    builder: BulkBuilder, outer: PatchGrid, inner: PatchGrid, holes: Holes, material: int | Array = 0
+    builder: BulkBuilder, outer: PatchGrid, inner: PatchGrid, holes: Holes, material: int | npt.NDArray[np.integer] = 0
 ) -> Rows:
     """Holes through two grids of the same division, joined by ruled walls; rows of the walls."""
     first, second = _punch(builder, outer, holes), _punch(builder, inner, holes)

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,7 +78,7 @@ def add_shell(
     material = np.broadcast_to(looks.material, grids[0].surfaces.shape)
     _add_rims(builder, grids[0], grids[1], columns, rows, material)
     if looks.holes is not None:
-        punch_shell(builder, *grids, looks.holes, material)
+        punch_shell(builder, grids[0], grids[1], looks.holes, material)
 
 
 def shell_counts(columns: Division, rows: Division, n_holes: int = 0, hole_points: int = 26) -> tuple[int, int]:
@@ -100,14 +101,15 @@ def _add_rims(
     material: npt.NDArray[np.integer],
 ) -> None:
     """Ruled strips between the borders of two grids."""
-    borders = (
-        (outer.edges_u[:, 0], inner.edges_u[:, 0], outer.vertices[:, 0], inner.vertices[:, 0], columns, True, material[:, 0]),
-        (outer.edges_u[:, -1], inner.edges_u[:, -1], outer.vertices[:, -1], inner.vertices[:, -1], columns, False, material[:, -1]),
-        (outer.edges_v[0], inner.edges_v[0], outer.vertices[0], inner.vertices[0], rows, False, material[0]),
-        (outer.edges_v[-1], inner.edges_v[-1], outer.vertices[-1], inner.vertices[-1], rows, True, material[-1]),
-    )  # fmt: skip
+    borders: tuple[tuple[Rows, Rows, Any, Division, bool], ...] = (
+        (outer.edges_u[:, 0], inner.edges_u[:, 0], np.s_[:, 0], columns, True),
+        (outer.edges_u[:, -1], inner.edges_u[:, -1], np.s_[:, -1], columns, False),
+        (outer.edges_v[0], inner.edges_v[0], np.s_[0], rows, False),
+        (outer.edges_v[-1], inner.edges_v[-1], np.s_[-1], rows, True),
+    )
     posts: dict[int, Rows] = {}
-    for at, (above, below, start, end, division, turned, look) in enumerate(borders):
+    for at, (above, below, line_of, division, turned) in enumerate(borders):
+        start, end, look = outer.vertices[line_of], inner.vertices[line_of], material[line_of]
         side = np.empty(len(start), np.int64)
         for k, (top, bottom) in enumerate(zip(start.tolist(), end.tolist(), strict=True)):
             if top not in posts:

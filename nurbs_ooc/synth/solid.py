@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +51,9 @@ class SolidBuilder:
     """
 
     def __init__(self, builder: BulkBuilder, frame: Array | None = None, material: int = 0) -> None:
-        self._builder = builder
+        self.builder = builder
         self._frame = np.eye(3, 4) if frame is None else frame
-        self._material = material
+        self.material = material
 
     def _placed(self, points: Array) -> Array:
         return np.asarray(points @ self._frame[:, :3].T + self._frame[:, 3])
@@ -80,7 +81,7 @@ class SolidBuilder:
         The profile runs with the outside on its right: up along the outer side.
         """
         rings = [self._ring(Outline.circle(r), z) for r, z in profile]
-        pairs = list(zip(rings[:-1], rings[1:], strict=True)) + ([(rings[-1], rings[0])] if closed else [])
+        pairs = list(pairwise(rings)) + ([(rings[-1], rings[0])] if closed else [])
         for below, above in pairs:
             self._walls(Outline.circle(1.0), below, above)
         if not closed:
@@ -89,7 +90,7 @@ class SolidBuilder:
 
     def revolved(self, outline: Outline) -> None:
         """A closed body of revolution about z: each piece of ``outline`` in (radius, height), all radii above 0."""
-        builder, n = self._builder, len(outline.pieces)
+        builder, n = self.builder, len(outline.pieces)
         rings = [self._ring(Outline.circle(p.points[0, 0]), p.points[0, 1]) for p in outline.pieces]
         for i, piece in enumerate(outline.pieces):
             m = len(piece.points)
@@ -100,7 +101,7 @@ class SolidBuilder:
             placed = self._placed(net)
             rows = np.concatenate([placed * weights[..., None], weights[..., None]], axis=2)
             face = builder.surfaces(
-                (2, piece.degree), (CIRCLE_KNOTS, piece.knots), rows[None], rational=True, material=self._material
+                (2, piece.degree), (CIRCLE_KNOTS, piece.knots), rows[None], rational=True, material=self.material
             )
             meridian = builder.curves(piece.degree, piece.knots, piece.rows(placed[0])[None], rational=piece.rational)
             below, above = rings[i], rings[(i + 1) % n]
@@ -112,9 +113,9 @@ class SolidBuilder:
         points = []
         for piece in outline.pieces:
             flat = np.full((len(piece.points), 3), float(height))
-            flat[:, :2] = piece.points + (x, y)
+            flat[:, :2] = piece.points + np.array([x, y])
             points.append(self._placed(flat))
-        builder = self._builder
+        builder = self.builder
         vertices = builder.vertices(np.stack([p[0] for p in points]))
         edges = np.empty(len(points), np.int64)
         for i, (piece, control) in enumerate(zip(outline.pieces, points, strict=True)):
@@ -124,7 +125,7 @@ class SolidBuilder:
 
     def _walls(self, outline: Outline, below: _Ring, above: _Ring) -> None:
         """One ruled face on each piece between two rings; outside to the right of the outline."""
-        builder, n = self._builder, len(below.edges)
+        builder, n = self.builder, len(below.edges)
         start, end = below.points, above.points
         lines = builder.lines(np.stack([p[0] for p in start]), np.stack([p[0] for p in end]))
         posts = builder.edges(lines, below.vertices, above.vertices)
@@ -132,7 +133,7 @@ class SolidBuilder:
             net = np.stack([piece.rows(start[i]), piece.rows(end[i])], axis=1)
             face = builder.surfaces(
                 (piece.degree, 1), (piece.knots, LINE_KNOTS), net[None], rational=piece.rational,
-                material=self._material,
+                material=self.material,
             )  # fmt: skip
             four_sides(builder, face, below.edges[[i]], posts[[(i + 1) % n]], above.edges[[i]], posts[[i]], seam=n == 1)
 
@@ -146,7 +147,7 @@ class SolidBuilder:
         ]
         around = Outline.circle(step.profile[0][0], step.x, step.y)
         cap.trim(loop, around, rings[0].edges, hole=True)
-        for below, above in zip(rings[:-1], rings[1:], strict=True):
+        for below, above in pairwise(rings):
             self._walls(circles[0], *((below, above) if step.top else (above, below)))
         last = Outline.circle(step.profile[-1][0], step.x, step.y)
         _Cap(self, last, cap.height + sign * step.profile[-1][1], step.top).trim(0, last, rings[-1].edges)
@@ -172,9 +173,9 @@ class _Cap:
         for i in (0, 1):
             for j in (0, 1):
                 corners[i, j, :2] = self._low + self._size * (i, j)
-        self._builder = solid._builder
+        self._builder = solid.builder
         self.face = self._builder.surfaces(
-            (1, 1), (LINE_KNOTS, LINE_KNOTS), solid._placed(corners)[None], reversed=not top, material=solid._material
+            (1, 1), (LINE_KNOTS, LINE_KNOTS), solid._placed(corners)[None], reversed=not top, material=solid.material
         )
 
     def trim(self, loop: int, outline: Outline, edges: Rows, *, hole: bool = False) -> None:
