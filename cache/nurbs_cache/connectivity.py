@@ -22,54 +22,41 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.errors import CorruptRecordError
 from nurbs_cache.jit import helper, kernel
 
 EXTRA_BYTES = 16  # at most, per triangle: a byte of codes and three numbers of five bytes
-_RING = 16
-_NO_EDGE = 15
-_NEW, _NEXT, _FAR = 0, 14, 15
-_NOBODY = 0xFFFFFFFF
+RING = 16
+NO_EDGE = 15
+NEW, NEXT, FAR = 0, 14, 15
+RING_CODES = 13  # codes 1 to 13 are slots of the vertex ring
 
 
 def encode_triangles(
-    triangles: npt.NDArray[np.uint32], labels: npt.NDArray[np.int32], predictors: npt.NDArray[np.uint32]
+    triangles: npt.NDArray[np.uint32],
+    labels: npt.NDArray[np.int32],
+    order: npt.NDArray[np.int32],
+    predictors: npt.NDArray[np.int32],
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], int]:
     """Code triangles, number their vertices by first use and say what each is predicted from.
 
     Args:
         triangles: (t, 3) uint32, in order; corners differ.
         labels: (n,) int32, -1 on entry; on return the new number of every vertex used.
-        predictors: (n, 3) uint32; on return rows (a, b, d) in new numbers, a = b = d for a plain difference.
+        order: (n,) int32; on return the old number of every new one.
+        predictors: (n, 3) int32; on return rows (a, b, d) by new number, in *old* numbers, a = b = d for a
+            plain difference.
 
     Returns:
         (t,) codes, (e,) extra bytes, number of vertices used.
     """
     codes = np.empty(len(triangles), np.uint8)
     extras = np.empty(EXTRA_BYTES * len(triangles), np.uint8)
-    n_extras, n_used = _encode(triangles, labels, predictors, codes, extras)
+    n_extras, n_used = _encode(triangles, labels, order, predictors, codes, extras)
     return codes, extras[:n_extras], n_used
 
 
-def decode_triangles(
-    codes: npt.NDArray[np.uint8], extras: npt.NDArray[np.uint8], n_vertices: int, predictors: npt.NDArray[np.uint32]
-) -> tuple[npt.NDArray[np.uint32], int]:
-    """Inverse of ``encode_triangles``: (t, 3) uint32 triangles, and the number of vertices they use.
-
-    Raises:
-        CorruptRecordError: a code refers to what is not there.
-    """
-    triangles = np.empty((len(codes), 3), np.uint32)
-    padded = np.zeros(len(extras) + EXTRA_BYTES, np.uint8)
-    padded[: len(extras)] = extras
-    n_used = _decode(codes, padded, len(extras), n_vertices, triangles, predictors)
-    if n_used < 0:
-        raise CorruptRecordError("tile: its triangles refer to vertices that are not there")
-    return triangles, n_used
-
-
 @helper
-def _write_number(extras, at, value):  # type: ignore[no-untyped-def]
+def write_number(extras, at, value):  # type: ignore[no-untyped-def]
     """Zigzag, then seven bits to a byte, the lowest first; returns where to go on."""
     rest = (value << 1) ^ (value >> 63)
     while rest > 127:
@@ -81,8 +68,8 @@ def _write_number(extras, at, value):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _read_number(extras, at):  # type: ignore[no-untyped-def]
-    """Inverse of ``_write_number``: (value, where to go on); five bytes at most."""
+def read_number(extras, at):  # type: ignore[no-untyped-def]
+    """Inverse of ``write_number``: (value, where to go on); five bytes at most."""
     rest = np.int64(0)
     for k in range(5):
         byte = np.int64(extras[at])
@@ -96,15 +83,15 @@ def _read_number(extras, at):  # type: ignore[no-untyped-def]
 @helper
 def _encode_vertex(vertex, is_new, extras, at, far, ring, head):  # type: ignore[no-untyped-def]
     """(code, where to go on, last far vertex, ring head)."""
-    code = np.int64(_NEW)
+    code = np.int64(NEW)
     if not is_new:
-        for slot in range(13):
+        for slot in range(RING_CODES):
             if ring[(head - 1 - slot) & 15] == vertex:
                 return np.int64(slot + 1), at, far, head
-        code = np.int64(_NEXT)
+        code = np.int64(NEXT)
         if vertex != far + 1:
-            code = np.int64(_FAR)
-            at = _write_number(extras, at, vertex - far)
+            code = np.int64(FAR)
+            at = write_number(extras, at, vertex - far)
         far = vertex
     ring[head & 15] = vertex
     return code, at, far, head + 1
@@ -116,10 +103,10 @@ def _edge(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-untyped-def]
-    edges = np.full(_RING, np.uint64(0xFFFFFFFFFFFFFFFF))
-    across = np.zeros(_RING, np.int64)
-    ring = np.full(_RING, np.int64(-1))
+def _encode(triangles, labels, order, predictors, codes, extras):  # type: ignore[no-untyped-def]
+    edges = np.full(RING, np.uint64(0xFFFFFFFFFFFFFFFF))
+    across = np.zeros(RING, np.int64)
+    ring = np.full(RING, np.int64(-1))
     edge_head, ring_head, at = 0, 0, 0
     n_used = np.int64(0)
     far = np.int64(-1)
@@ -129,30 +116,31 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
         for k in range(3):
             if labels[triangles[t, k]] < 0:
                 labels[triangles[t, k]] = n_used
+                order[n_used] = triangles[t, k]
                 n_used += 1
         a = np.int64(labels[triangles[t, 0]])
         b = np.int64(labels[triangles[t, 1]])
         c = np.int64(labels[triangles[t, 2]])
         # look for an edge to continue from
         ab, bc, ca = _edge(a, b), _edge(b, c), _edge(c, a)
-        slot = np.int64(_NO_EDGE)
+        slot = np.int64(NO_EDGE)
         edge = ab
-        for recent in range(_NO_EDGE):
+        for recent in range(NO_EDGE):
             edge = edges[(edge_head - 1 - recent) & 15]
             if (edge == ab) | (edge == bc) | (edge == ca):  # one branch, not three
                 slot = np.int64(recent)
                 break
-        if slot < _NO_EDGE:
+        if slot < NO_EDGE:
             # turn the triangle so that the edge comes first, code the third corner
             if edge == bc:
                 a, b, c = b, c, a
             elif edge == ca:
                 a, b, c = c, a, b
-            code = np.int64(_NEW)
+            code = np.int64(NEW)
             if c >= before:
-                predictors[c, 0] = a
-                predictors[c, 1] = b
-                predictors[c, 2] = across[(edge_head - 1 - slot) & 15]
+                predictors[c, 0] = order[a]
+                predictors[c, 1] = order[b]
+                predictors[c, 2] = order[across[(edge_head - 1 - slot) & 15]]
                 ring[ring_head & 15] = c
                 ring_head += 1
             else:
@@ -161,14 +149,14 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
         else:
             # code all corners; a new one is predicted from the corner or the vertex before
             if a >= before:
-                predictors[a, :] = max(a - 1, 0)
+                predictors[a, :] = order[max(a - 1, 0)]
             if b >= before:
-                predictors[b, :] = a
+                predictors[b, :] = order[a]
             if c >= before:
-                predictors[c, :] = b
+                predictors[c, :] = order[b]
             pair_at = at
             code, at, far, ring_head = _encode_vertex(a, a >= before, extras, at + 1, far, ring, ring_head)
-            codes[t] = np.uint8(_NO_EDGE << 4 | code)
+            codes[t] = np.uint8(NO_EDGE << 4 | code)
             code, at, far, ring_head = _encode_vertex(b, b >= before, extras, at, far, ring, ring_head)
             last, at, far, ring_head = _encode_vertex(c, c >= before, extras, at, far, ring, ring_head)
             extras[pair_at] = np.uint8(code << 4 | last)
@@ -182,90 +170,3 @@ def _encode(triangles, labels, predictors, codes, extras):  # type: ignore[no-un
         across[(edge_head + 1) & 15] = b
         edge_head += 2
     return at, n_used
-
-
-@helper
-def _decode_vertex(code, extras, at, n_used, far, ring, ring_head):  # type: ignore[no-untyped-def]
-    """(vertex, where to go on, vertices used, last far vertex, ring head); a vertex >= n_used is not there."""
-    if code == _NEW:
-        vertex = n_used
-        n_used += 1
-    elif code < _NEXT:
-        return ring[(ring_head - code) & 15], at, n_used, far, ring_head
-    else:
-        difference = np.int64(1)
-        if code == _FAR:
-            difference, at = _read_number(extras, at)
-        vertex = far + difference
-        far = vertex
-    ring[ring_head & 15] = vertex
-    return vertex, at, n_used, far, ring_head + 1
-
-
-@kernel
-def _decode(codes, extras, n_extras, n_vertices, triangles, predictors):  # type: ignore[no-untyped-def]
-    """Number of vertices used, or -1."""
-    first = np.full(_RING, np.int64(_NOBODY))
-    second = np.full(_RING, np.int64(_NOBODY))
-    across = np.zeros(_RING, np.int64)
-    ring = np.full(_RING, np.int64(_NOBODY))
-    edge_head, ring_head, at = 0, 0, 0
-    n_used = np.int64(0)
-    far = np.int64(-1)
-    for t in range(codes.shape[0]):
-        slot = np.int64(codes[t]) >> 4
-        code = np.int64(codes[t]) & 15
-        before = n_used
-        if slot < _NO_EDGE:
-            # two corners from an edge, the third coded
-            edge = (edge_head - 1 - slot) & 15
-            a = first[edge]
-            b = second[edge]
-            d = across[edge]
-            if code == _NEW:
-                if n_used >= n_vertices:
-                    return -1
-                c = n_used
-                n_used += 1
-                ring[ring_head & 15] = c
-                ring_head += 1
-                predictors[c, 0] = a
-                predictors[c, 1] = b
-                predictors[c, 2] = d
-            elif code < _NEXT:
-                c = ring[(ring_head - code) & 15]
-            else:
-                c, at, n_used, far, ring_head = _decode_vertex(code, extras, at, n_used, far, ring, ring_head)
-        else:
-            # three corners coded; a new one is predicted from the corner or the vertex before
-            pair = np.int64(extras[at])
-            a, at, n_used, far, ring_head = _decode_vertex(code, extras, at + 1, n_used, far, ring, ring_head)
-            middle = n_used
-            b, at, n_used, far, ring_head = _decode_vertex(pair >> 4, extras, at, n_used, far, ring, ring_head)
-            last = n_used
-            c, at, n_used, far, ring_head = _decode_vertex(pair & 15, extras, at, n_used, far, ring, ring_head)
-            if n_used > n_vertices:
-                return -1
-            if middle > before:
-                predictors[before, :] = max(before - 1, 0)
-            if last > middle:
-                predictors[middle, :] = a
-            if n_used > last:
-                predictors[last, :] = b
-            first[edge_head & 15] = b
-            second[edge_head & 15] = a
-            across[edge_head & 15] = c
-            edge_head += 1
-        if min(a, b, c) < 0 or max(a, b, c) >= n_used or at > n_extras:
-            return -1
-        triangles[t, 0] = a
-        triangles[t, 1] = b
-        triangles[t, 2] = c
-        first[edge_head & 15] = c
-        second[edge_head & 15] = b
-        across[edge_head & 15] = a
-        first[(edge_head + 1) & 15] = a
-        second[(edge_head + 1) & 15] = c
-        across[(edge_head + 1) & 15] = b
-        edge_head += 2
-    return n_used if at == n_extras else -1

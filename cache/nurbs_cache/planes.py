@@ -8,7 +8,7 @@ bytes. All lowest bytes come first, coordinate after coordinate, then all second
 
 Positions are predicted by the parallelogram a + b - d of ``connectivity``, clamped to the grid; normals
 by the same sum, in the arithmetic modulo 2**bits that the octahedron's coordinates are given in.
-Decoding writes float32 as a graphics card takes it.
+``mesh_decoder`` turns them back into float32 as a graphics card takes it.
 """
 
 from __future__ import annotations
@@ -25,44 +25,27 @@ Bytes = npt.NDArray[np.uint8]
 def encode_positions(
     steps: npt.NDArray[np.int32],
     order: npt.NDArray[np.int32],
-    predictors: npt.NDArray[np.uint32],
+    predictors: npt.NDArray[np.int32],
     extent: tuple[int, int, int],
 ) -> Bytes:
-    """(n_planes, 3, n) bytes of positions; vertex i is row ``order[i]`` of the (., 3) int32 ``steps``."""
-    folded = np.empty((3, len(order)), np.uint32)
-    widest = _fold_positions(steps, order, predictors, extent[0], extent[1], extent[2], folded)
-    return _split(folded, int(widest))
+    """(n_planes, 3, n) bytes of positions.
 
-
-def decode_positions(
-    planes: Bytes, predictors: npt.NDArray[np.uint32], extent: tuple[int, int, int], step: float
-) -> npt.NDArray[np.float32]:
-    """Inverse of ``encode_positions``: (n, 3) float32 mm from the grid's origin, exact.
-
-    Raises:
-        CorruptRecordError: a position lies outside the grid.
+    Args:
+        steps: (m, 3) int32, places on the grid.
+        order: (n,) row in ``steps`` of each vertex.
+        predictors: (n, 3) rows in ``steps`` of what it is predicted from.
+        extent: of the grid.
     """
-    positions = np.empty((planes.shape[2], 3), np.float32)
-    if len(positions) and not _unfold_positions(planes, predictors, extent[0], extent[1], extent[2], step, positions):
-        raise CorruptRecordError("tile: a position lies outside its box")
-    return positions
+    folded = np.empty((3, len(order)), np.uint32)
+    return _split(folded, int(_fold_positions(steps, order, predictors, *extent, folded)))
 
 
 def encode_normals(
-    octahedral: npt.NDArray[np.int32], order: npt.NDArray[np.int32], predictors: npt.NDArray[np.uint32], bits: int
+    octahedral: npt.NDArray[np.int32], order: npt.NDArray[np.int32], predictors: npt.NDArray[np.int32], bits: int
 ) -> Bytes:
-    """(n_planes, 2, n) bytes of octahedral coordinates of ``bits`` bits."""
+    """(n_planes, 2, n) bytes of octahedral coordinates (m, 2) of ``bits`` bits; see ``encode_positions``."""
     folded = np.empty((2, len(order)), np.uint32)
-    widest = _fold_octahedral(octahedral, order, predictors, bits, folded)
-    return _split(folded, int(widest))
-
-
-def decode_normals(planes: Bytes, predictors: npt.NDArray[np.uint32], bits: int) -> npt.NDArray[np.float32]:
-    """Inverse of ``encode_normals``: (n, 3) float32 unit vectors, never NaN."""
-    normals = np.empty((planes.shape[2], 3), np.float32)
-    if len(normals):
-        _unfold_octahedral(planes, predictors, bits, np.empty((2, planes.shape[2]), np.int32), normals)
-    return normals
+    return _split(folded, int(_fold_octahedral(octahedral, order, predictors, bits, folded)))
 
 
 def encode_numbers(numbers: npt.NDArray[np.uint32], expected_step: int) -> Bytes:
@@ -86,7 +69,7 @@ def decode_numbers(stream: Bytes, count: int, expected_step: int, limit: int, wh
 
 
 def _split(folded: npt.NDArray[np.uint32], widest: int) -> Bytes:
-    """Cut (k, n) numbers into as many planes as the widest needs, at least one."""
+    """Cut (k, n) numbers into as many planes as the bits that occur need, at least one."""
     n_planes = max(1, (widest.bit_length() + 7) // 8)
     planes = np.empty((n_planes, *folded.shape), np.uint8)
     _cut(folded, planes)
@@ -99,15 +82,33 @@ def _zigzag(value):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _join(planes, k, folded):  # type: ignore[no-untyped-def]
-    """The signed numbers whose folded bytes lie in the planes of coordinate k."""
-    for i in range(folded.shape[0]):
-        folded[i] = planes[0, k, i]
-    for p in range(1, planes.shape[0]):
-        for i in range(folded.shape[0]):
-            folded[i] |= np.int32(planes[p, k, i]) << np.int32(8 * p)
-    for i in range(folded.shape[0]):
-        folded[i] = (folded[i] >> 1) ^ -(folded[i] & 1)
+def join_planes(low, high, k, width, values):  # type: ignore[no-untyped-def]
+    """The signed numbers (n,) of coordinate k of ``width`` from the lowest bytes and the planes above them."""
+    n = values.shape[0]
+    first = low[k * n : (k + 1) * n]
+    stride = width * n
+    n_high = high.shape[0] // max(stride, 1)
+    # one loop a number of planes: each runs in vector registers
+    if n_high == 0:
+        for i in range(n):
+            folded = np.int32(first[i])
+            values[i] = (folded >> 1) ^ -(folded & 1)
+        return
+    second = high[k * n : (k + 1) * n]
+    if n_high == 1:
+        for i in range(n):
+            folded = np.int32(first[i]) | np.int32(second[i]) << np.int32(8)
+            values[i] = (folded >> 1) ^ -(folded & 1)
+        return
+    third = high[stride + k * n : stride + (k + 1) * n]
+    for i in range(n):
+        values[i] = np.int32(first[i]) | np.int32(second[i]) << np.int32(8) | np.int32(third[i]) << np.int32(16)
+    if n_high == 3:
+        fourth = high[2 * stride + k * n : 2 * stride + (k + 1) * n]
+        for i in range(n):
+            values[i] |= np.int32(fourth[i]) << np.int32(24)
+    for i in range(n):
+        values[i] = (values[i] >> 1) ^ -(values[i] & 1)
 
 
 @kernel
@@ -121,81 +122,47 @@ def _cut(folded, planes):  # type: ignore[no-untyped-def]
 @kernel
 def _fold_positions(steps, order, predictors, extent_x, extent_y, extent_z, folded):  # type: ignore[no-untyped-def]
     """Bits that occur in any folded difference."""
+    extents = (np.int32(extent_x), np.int32(extent_y), np.int32(extent_z))
     widest = np.uint32(0)
     for i in range(order.shape[0]):
-        a = order[predictors[i, 0]]
-        b = order[predictors[i, 1]]
-        d = order[predictors[i, 2]]
+        own, a, b, d = order[i], predictors[i, 0], predictors[i, 1], predictors[i, 2]
         for k in range(3):
-            extent = extent_x if k == 0 else (extent_y if k == 1 else extent_z)
             guess = np.int32(0)
             if i > 0:
-                guess = np.int32(min(max(steps[a, k] + steps[b, k] - steps[d, k], 0), extent))
-            number = _zigzag(np.int32(steps[order[i], k] - guess))
+                guess = np.int32(min(max(steps[a, k] + steps[b, k] - steps[d, k], np.int32(0)), extents[k]))
+            number = _zigzag(np.int32(steps[own, k] - guess))
             folded[k, i] = number
             widest |= number
     return widest
 
 
 @kernel
-def _unfold_positions(planes, predictors, extent_x, extent_y, extent_z, step, positions):  # type: ignore[no-untyped-def]
-    """False if a position lies outside the extent. Exact: fewer than 24 bits times a power of two."""
-    n = positions.shape[0]
-    current = np.empty((3, n), np.int32)
-    for k in range(3):
-        _join(planes, k, current[k])
-    outside = np.int32(0)  # its sign bit is set once a position is below 0 or above the extent
-    for k in range(3):
-        extent = np.int32(extent_x if k == 0 else (extent_y if k == 1 else extent_z))
-        line = current[k]
-        outside |= line[0] | (extent - line[0])
-        for i in range(1, n):
-            guess = line[predictors[i, 0]] + line[predictors[i, 1]] - line[predictors[i, 2]]
-            value = np.int32(min(max(guess, 0), extent) + line[i])
-            outside |= value | (extent - value)
-            line[i] = value
-    for i in range(n):
-        for k in range(3):
-            positions[i, k] = np.float32(current[k, i] * step)
-    return outside >= 0
-
-
-@kernel
 def _fold_octahedral(octahedral, order, predictors, bits, folded):  # type: ignore[no-untyped-def]
+    """Likewise, modulo 2**bits."""
     widest = np.uint32(0)
     shift = np.int32(32 - bits)
     for i in range(order.shape[0]):
-        a = order[predictors[i, 0]]
-        b = order[predictors[i, 1]]
-        d = order[predictors[i, 2]]
+        own, a, b, d = order[i], predictors[i, 0], predictors[i, 1], predictors[i, 2]
         for k in range(2):
             guess = np.int32(0)
             if i > 0:
                 guess = np.int32(octahedral[a, k] + octahedral[b, k] - octahedral[d, k])
-            difference = np.int32(octahedral[order[i], k] - guess)
+            difference = np.int32(octahedral[own, k] - guess)
             number = _zigzag(np.int32(np.int32(difference << shift) >> shift))
             folded[k, i] = number
             widest |= number
     return widest
 
 
-@kernel
-def _unfold_octahedral(planes, predictors, bits, current, normals):  # type: ignore[no-untyped-def]
-    mask = np.int32((1 << bits) - 1)
+@helper
+def to_unit_normals(octahedral, bits, normals):  # type: ignore[no-untyped-def]
+    """(n, 3) float32 unit vectors of (n, 2) coordinates, never NaN."""
     half = np.int32((1 << (bits - 1)) - 1)
     scale = np.float32(1.0) / np.float32(half)
     one = np.float32(1.0)
-    n = normals.shape[0]
-    for k in range(2):
-        line = current[k]
-        _join(planes, k, line)
-        line[0] &= mask
-        for i in range(1, n):
-            guess = line[predictors[i, 0]] + line[predictors[i, 1]] - line[predictors[i, 2]]
-            line[i] = np.int32(guess + line[i]) & mask
-    for i in range(n):
-        x = np.float32(current[0, i] - half) * scale
-        y = np.float32(current[1, i] - half) * scale
+    for i in range(normals.shape[0]):
+        x = np.float32(octahedral[i, 0] - half) * scale
+        y = np.float32(octahedral[i, 1] - half) * scale
         z = one - abs(x) - abs(y)
         under = max(-z, np.float32(0.0))
         x -= np.copysign(under, x)

@@ -15,6 +15,7 @@ from nurbs_cache.connectivity import encode_triangles
 from nurbs_cache.coverage import uncovered
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import helper, kernel
+from nurbs_cache.triangle_walk import walk_triangles
 
 Indices = npt.NDArray[np.uint32]
 Steps = npt.NDArray[np.int32]
@@ -49,7 +50,7 @@ class Ordered(NamedTuple):
         codes, extras: the triangles, see ``connectivity``.
         lines: (l, 2); points: (p,).
         order: (n,) int32: old number of every new one.
-        predictors: (n, 3) uint32 new numbers a, b, d of the guess a + b - d.
+        predictors: (n, 3) int32: old numbers a, b, d of the guess a + b - d.
     """
 
     codes: npt.NDArray[np.uint8]
@@ -57,26 +58,25 @@ class Ordered(NamedTuple):
     lines: Indices
     points: Indices
     order: npt.NDArray[np.int32]
-    predictors: npt.NDArray[np.uint32]
+    predictors: npt.NDArray[np.int32]
 
 
-def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: Indices) -> Ordered:
-    """Number vertices by first use in triangles, lines, points; unused ones are left out."""
+def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: Indices, *, walk: bool) -> Ordered:
+    """Number vertices by first use in triangles, lines, points; unused ones are left out.
+
+    Args:
+        walk: put the triangles into an order in which each continues from a recent one.
+    """
     labels = np.full(n_vertices, -1, np.int32)
-    predictors = np.empty((n_vertices, 3), np.uint32)
-    codes, extras, n_predicted = encode_triangles(triangles, labels, predictors)
+    order = np.empty(n_vertices, np.int32)
+    predictors = np.empty((n_vertices, 3), np.int32)
+    code = walk_triangles if walk else encode_triangles
+    codes, extras, n_predicted = code(triangles, labels, order, predictors)
     new_lines, new_points = np.empty_like(lines), np.empty_like(points)
-    n_used = _relabel(lines.reshape(-1), labels, n_predicted, new_lines.reshape(-1))
-    n_used = _relabel(points, labels, n_used, new_points)
-    order = np.empty(n_used, np.int32)
-    _invert(labels, order)
-    chain_predictors(predictors[:n_used], n_predicted)
-    return Ordered(codes, extras, new_lines, new_points, order, predictors[:n_used])
-
-
-def chain_predictors(predictors: npt.NDArray[np.uint32], first: int) -> None:
-    """From row ``first`` on, predict each vertex from the one before."""
-    _chain(predictors, first)
+    n_used = _relabel(lines.reshape(-1), labels, order, n_predicted, new_lines.reshape(-1))
+    n_used = _relabel(points, labels, order, n_used, new_points)
+    _chain(order[:n_used], predictors[:n_used], n_predicted)
+    return Ordered(codes, extras, new_lines, new_points, order[:n_used], predictors[:n_used])
 
 
 @helper
@@ -113,24 +113,19 @@ def _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines
 
 
 @kernel
-def _relabel(old, labels, n_used, new):  # type: ignore[no-untyped-def]
+def _relabel(old, labels, order, n_used, new):  # type: ignore[no-untyped-def]
     for i in range(old.shape[0]):
         vertex = old[i]
         if labels[vertex] < 0:
             labels[vertex] = n_used
+            order[n_used] = vertex
             n_used += 1
         new[i] = labels[vertex]
     return n_used
 
 
 @kernel
-def _invert(labels, order):  # type: ignore[no-untyped-def]
-    for i in range(labels.shape[0]):
-        if labels[i] >= 0:
-            order[labels[i]] = i
-
-
-@kernel
-def _chain(predictors, first):  # type: ignore[no-untyped-def]
+def _chain(order, predictors, first):  # type: ignore[no-untyped-def]
+    """From row ``first`` on, each vertex is predicted from the one before."""
     for i in range(first, predictors.shape[0]):
-        predictors[i, :] = max(i - 1, 0)
+        predictors[i, :] = order[max(i - 1, 0)]

@@ -25,19 +25,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.connectivity import decode_triangles
-from nurbs_cache.entropy import Bytes, decode_stream, encode_stream
+from nurbs_cache.entropy import NO_BYTES, Bytes, decode_stream, encode_stream
 from nurbs_cache.errors import CorruptRecordError, UsageError
 from nurbs_cache.ledger import Ledger
-from nurbs_cache.planes import (
-    decode_normals,
-    decode_numbers,
-    decode_positions,
-    encode_normals,
-    encode_numbers,
-    encode_positions,
-)
-from nurbs_cache.primitives import Indices, chain_predictors, drop_degenerate, order_vertices
+from nurbs_cache.mesh_decoder import decode_mesh
+from nurbs_cache.planes import decode_numbers, encode_normals, encode_numbers, encode_positions
+from nurbs_cache.primitives import Indices, drop_degenerate, order_vertices
 from nurbs_cache.quantise import (
     MAX_NORMAL_BITS,
     MAX_POSITION_BITS,
@@ -50,7 +43,6 @@ from nurbs_cache.quantise import (
     quantise_normals,
     quantise_positions,
 )
-from nurbs_cache.triangle_order import order_triangles
 
 MAGIC = b"NTIL"
 VERSION = 1
@@ -133,7 +125,7 @@ class _Stream(NamedTuple):
     stored: memoryview
 
     def decode(self) -> Bytes:
-        return decode_stream(self.stored, self.codec, self.length)
+        return decode_stream(self.stored, self.codec, self.length) if self.length else NO_BYTES
 
 
 _ABSENT = _Stream(0, 0, 0, memoryview(b""))
@@ -172,9 +164,7 @@ def encode_tile(
     steps, moved = quantise_positions(positions, grid)
     octahedral = quantise_normals(normals, normal_bits)
     triangles, lines, points = drop_degenerate(steps, triangles, lines, points)
-    if reorder:
-        triangles = order_triangles(triangles)
-    kept = order_vertices(len(positions), triangles, lines, points)
+    kept = order_vertices(len(positions), triangles, lines, points, walk=reorder)
     position_planes = encode_positions(steps, kept.order, kept.predictors, grid.extent)
     normal_planes = encode_normals(octahedral, kept.order, kept.predictors, normal_bits)
     streams = [
@@ -204,23 +194,21 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
     """
     head, streams = _parse(data)
     n = head.n_vertices
-    position_planes = _planes(streams, POSITIONS, 3, n)
-    normal_planes = _planes(streams, NORMALS, 2, n)
-    predictors = np.empty((n, 3), np.uint32)
-    codes = streams.get(CODES, _ABSENT).decode()
+    position_bytes = _vertex_bytes(streams, POSITIONS, 3, n)
+    normal_bytes = _vertex_bytes(streams, NORMALS, 2, n)
+    codes, extras = (streams.get(number, _ABSENT).decode() for number in (CODES, EXTRAS))
     if len(codes) != head.n_triangles:
         raise CorruptRecordError(f"tile: {len(codes)} triangle codes, its header says {head.n_triangles}")
-    triangles, n_used = decode_triangles(codes, streams.get(EXTRAS, _ABSENT).decode(), n, predictors)
-    chain_predictors(predictors, n_used)
+    grid = head.grid
+    mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, grid.step, head.normal_bits)
     lines = decode_numbers(streams.get(LINES, _ABSENT).decode(), 2 * head.n_lines, 0, n, "lines")
     points = decode_numbers(streams.get(POINTS, _ABSENT).decode(), head.n_points, 1, n, "points")
-    grid = head.grid
     origin = np.array(grid.origin)
     return DecodedTile(
         origin=origin,
-        positions=decode_positions(position_planes, predictors, grid.extent, grid.step),
-        normals=decode_normals(normal_planes, predictors, head.normal_bits),
-        triangles=triangles,
+        positions=mesh.positions,
+        normals=mesh.normals,
+        triangles=mesh.triangles,
         lines=lines.reshape(-1, 2),
         points=points,
         ledger=head.ledger,
@@ -349,13 +337,9 @@ def _streams(view: memoryview, n_streams: int) -> dict[int, _Stream]:
     return streams
 
 
-def _planes(streams: dict[int, _Stream], number: int, width: int, n: int) -> Bytes:
-    """(n_planes, width, n) bytes of the stream of lowest planes and the stream of the rest after it."""
+def _vertex_bytes(streams: dict[int, _Stream], number: int, width: int, n: int) -> tuple[Bytes, Bytes]:
+    """The stream of lowest bytes and that of the planes above it."""
     low, high = streams.get(number, _ABSENT), streams.get(number + 1, _ABSENT)
     if low.length != width * n or high.length != high.planes * width * n or high.planes > 3:
         raise CorruptRecordError(f"tile: {low.length} and {high.length} bytes of vertex data for {n} vertices")
-    joined = np.empty((1 + high.planes, width, n), np.uint8)
-    joined[0] = low.decode().reshape(width, n)
-    if high.planes:
-        joined[1:] = high.decode().reshape(high.planes, width, n)
-    return joined
+    return low.decode(), high.decode()
