@@ -21,6 +21,8 @@ import numpy.typing as npt
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cache"))
 
+from codec_peers import Peer, peers
+
 from nurbs_cache.store import Store
 from nurbs_cache.tile import TileContent, decode_tile, encode_tile
 
@@ -105,12 +107,30 @@ def measure(contents: list[TileContent], codec: str, repeats: int) -> dict[str, 
     }
 
 
+def measure_peer(contents: list[TileContent], peer: Peer, repeats: int) -> dict[str, float]:
+    """The same figures of another codec, in the same raw bytes."""
+    encode_mb_s, decode_mb_s, sizes = [], [], []
+    for content in contents:
+        given = peer.prepare(content)
+        coded = peer.encode(given)
+        raw = 24 * len(content.positions) + 4 * content.triangles.size
+        sizes.append(peer.size(coded) / len(content.triangles))
+        encode_mb_s.append(raw / best_s(lambda g=given: peer.encode(g), repeats) / 1e6)  # type: ignore[misc]
+        decode_mb_s.append(raw / best_s(lambda c=coded: peer.decode(c), repeats) / 1e6)  # type: ignore[misc]
+    return {
+        "bytes_per_triangle": round(statistics.median(sizes), 3),
+        "encode_mb_s": round(statistics.median(encode_mb_s), 1),
+        "decode_mb_s": round(statistics.median(decode_mb_s), 1),
+    }
+
+
 def main() -> None:
     """Print the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cache", type=Path, help="measure on the tiles of this cache instead of made-up chunks")
     parser.add_argument("--chunks", type=int, default=12, help="number of chunks (default 12)")
     parser.add_argument("--repeats", type=int, default=30, help="runs of each, the best counts (default 30)")
+    parser.add_argument("--peers", action="store_true", help="meshoptimizer and Draco too, where installed")
     options = parser.parse_args()
     random = np.random.default_rng(1)
     if options.cache:
@@ -127,6 +147,8 @@ def main() -> None:
         "vertices": int(statistics.median(len(c.positions) for c in contents)),
         "codecs": {codec: measure(contents, codec, options.repeats) for codec in ("zstd", "huffman", "plain")},
     }
+    if options.peers:
+        report["peers"] = {name: measure_peer(contents, peer, options.repeats) for name, peer in peers().items()}
     print(json.dumps(report, indent=2))
 
 

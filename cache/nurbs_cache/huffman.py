@@ -12,7 +12,7 @@ Symbol i belongs to bit stream i mod 4. Within a word the first bit is the lowes
 most significant bit. Codes are canonical: by ascending length, then by ascending symbol, counting up. A
 lone symbol has the code 0 of length 1.
 
-Source: D. Huffman 1952; lengths by package-merge (L. Larmore and D. Hirschberg, A fast algorithm for
+Source: D. Huffman 1952, with two queues (J. van Leeuwen 1976); where a code is too long, lengths by package-merge (L. Larmore and D. Hirschberg, A fast algorithm for
 optimal length-limited Huffman codes, JACM 37, 1990); canonical codes, E. Schwartz and B. Kallick 1964.
 """
 
@@ -33,15 +33,15 @@ Bytes = npt.NDArray[np.uint8]
 
 def encode_huffman(stream: Bytes) -> bytes:
     """Coded form of a stream of at least one byte."""
-    lengths = code_lengths(np.bincount(stream, minlength=256))
-    last = int(np.flatnonzero(lengths)[-1])
-    nibbles = np.zeros(2 * (last // 2 + 1), np.uint8)
-    nibbles[: last + 1] = lengths[: last + 1]
-    head = bytes([last]) + (nibbles[::2] | nibbles[1::2] << 4).tobytes()
+    counts = np.empty(256, np.int64)
+    _count(stream, counts)
+    lengths = code_lengths(counts)
+    head = np.zeros(132, np.uint8)
+    n_head = _write_head(lengths, head)
     words = np.empty(stream.size * MAX_BITS // _WORD + 2 * N_STREAMS, np.uint32)
-    counts = np.empty(N_STREAMS, np.uint32)
-    n_words = _encode(stream, lengths, _codes(lengths), words, counts)
-    return head + bytes(-len(head) % 4) + counts.tobytes() + words[:n_words].tobytes()
+    word_counts = np.empty(N_STREAMS, np.uint32)
+    n_words = _encode(stream, lengths, _codes(lengths), words, word_counts)
+    return b"".join((head[:n_head].data, word_counts.data, words[:n_words].data))
 
 
 def decode_huffman(coded: bytes | memoryview, length: int) -> Bytes:
@@ -72,7 +72,10 @@ def decode_huffman(coded: bytes | memoryview, length: int) -> Bytes:
 def code_lengths(counts: npt.NDArray[np.int64]) -> Bytes:
     """(256,) lengths of an optimal prefix code of at most 12 bits; 0 for symbols that do not occur."""
     lengths = np.zeros(256, np.uint8)
-    _package_merge(counts, np.argsort(counts, kind="stable"), lengths)
+    order = np.argsort(counts, kind="stable")
+    if not _two_queues(counts, order, lengths):
+        lengths[:] = 0
+        _package_merge(counts, order, lengths)
     return lengths
 
 
@@ -81,6 +84,73 @@ def _codes(lengths: Bytes) -> npt.NDArray[np.uint32]:
     codes = np.zeros(256, np.uint32)
     _assign(lengths, codes)
     return codes
+
+
+@kernel
+def _count(stream, counts):  # type: ignore[no-untyped-def]
+    """How often each byte occurs; two tables, so that equal neighbours do not wait for one another."""
+    odd = np.zeros(256, np.int64)
+    counts[:] = 0
+    n = stream.shape[0]
+    for i in range(0, n - 1, 2):
+        counts[stream[i]] += 1
+        odd[stream[i + 1]] += 1
+    if n & 1:
+        counts[stream[n - 1]] += 1
+    for symbol in range(256):
+        counts[symbol] += odd[symbol]
+
+
+@kernel
+def _write_head(lengths, head):  # type: ignore[no-untyped-def]
+    """Last symbol and lengths; number of bytes up to the next multiple of 4."""
+    last = 255
+    while lengths[last] == 0:
+        last -= 1
+    head[0] = last
+    for symbol in range(last + 1):
+        head[1 + (symbol >> 1)] |= lengths[symbol] << np.uint8(4 * (symbol & 1))
+    return (2 + last // 2 + 3) // 4 * 4
+
+
+@kernel
+def _two_queues(counts, order, lengths):  # type: ignore[no-untyped-def]
+    """Huffman's code from symbols in ascending order of counts; False if a code is longer than 12 bits.
+
+    Leaves and inner nodes wait in a queue each, both ascending, so the two smallest stand in front.
+    """
+    first = 0
+    while first < 256 and counts[order[first]] == 0:
+        first += 1
+    n = 256 - first
+    if n <= 1:
+        lengths[order[255]] = 1
+        return True
+    weight = np.empty(2 * n - 1, np.int64)
+    parent = np.zeros(2 * n - 1, np.int32)
+    for i in range(n):
+        weight[i] = counts[order[first + i]]
+    leaf, inner = 0, n
+    for made in range(n, 2 * n - 1):
+        total = np.int64(0)
+        for _ in range(2):
+            if leaf < n and (inner >= made or weight[leaf] <= weight[inner]):
+                taken = leaf
+                leaf += 1
+            else:
+                taken = inner
+                inner += 1
+            total += weight[taken]
+            parent[taken] = made
+        weight[made] = total
+    depth = np.zeros(2 * n - 1, np.uint8)
+    for node in range(2 * n - 3, -1, -1):
+        depth[node] = depth[parent[node]] + 1
+        if node < n:
+            if depth[node] > MAX_BITS:
+                return False
+            lengths[order[first + node]] = depth[node]
+    return True
 
 
 @kernel
@@ -148,11 +218,12 @@ def _encode(stream, lengths, codes, words, counts):  # type: ignore[no-untyped-d
             symbol = stream[i]
             pending |= np.uint64(codes[symbol]) << n_bits
             n_bits += np.uint64(lengths[symbol])
-            if n_bits >= np.uint64(_WORD):
-                words[at] = np.uint32(pending & np.uint64(0xFFFFFFFF))
-                at += 1
-                pending >>= np.uint64(_WORD)
-                n_bits -= np.uint64(_WORD)
+            # a word that is not full yet is written too and overwritten later: no branch to guess
+            words[at] = np.uint32(pending & np.uint64(0xFFFFFFFF))
+            full = n_bits >> np.uint64(5)
+            at += np.int64(full)
+            pending >>= full << np.uint64(5)
+            n_bits &= np.uint64(31)
         if n_bits > np.uint64(0):
             words[at] = np.uint32(pending)
             at += 1

@@ -36,9 +36,17 @@ class Ledger:
     SIZE: ClassVar[int] = 48
 
     def __post_init__(self) -> None:
-        for name, value in zip(_NAMES, self.terms, strict=True):
-            if not 0.0 <= value < math.inf:
-                raise UsageError(f"ledger: {name} is {value}, want a finite length >= 0 mm")
+        a, b, c, d, e, f = self.terms
+        if not (
+            0.0 <= a < math.inf
+            and 0.0 <= b < math.inf
+            and 0.0 <= c < math.inf
+            and 0.0 <= d < math.inf
+            and 0.0 <= e < math.inf
+            and 0.0 <= f < math.inf
+        ):  # written out: every tile that is decoded comes by here
+            name, value = next(pair for pair in zip(_NAMES, self.terms, strict=True) if not 0.0 <= pair[1] < math.inf)
+            raise UsageError(f"ledger: {name} is {value}, want a finite length >= 0 mm")
 
     def as_dict(self) -> dict[str, float]:
         """The six terms by name, mm."""

@@ -80,12 +80,6 @@ def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: 
 
 
 @helper
-def _apart(steps, a, b):  # type: ignore[no-untyped-def]
-    """0 if both lie on one grid point; without branches, since which coordinate differs is unpredictable."""
-    return (steps[a, 0] ^ steps[b, 0]) | (steps[a, 1] ^ steps[b, 1]) | (steps[a, 2] ^ steps[b, 2])
-
-
-@helper
 def _largest(indices):  # type: ignore[no-untyped-def]
     largest = np.uint32(0)
     for index in indices:
@@ -100,14 +94,18 @@ def _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines
     largest = max(_largest(triangles.reshape(-1)), _largest(lines.reshape(-1)), _largest(points))
     if n_indices > 0 and largest >= steps.shape[0]:
         return -1
+    # a grid point as one number: coordinates have 21 bits at most
+    place = np.empty(steps.shape[0], np.int64)
+    for i in range(steps.shape[0]):
+        place[i] = np.int64(steps[i, 0]) | np.int64(steps[i, 1]) << 21 | np.int64(steps[i, 2]) << 42
     n_flat = 0
     for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        flat = (_apart(steps, a, b) == 0) | (_apart(steps, b, c) == 0) | (_apart(steps, c, a) == 0)
+        a, b, c = place[triangles[t, 0]], place[triangles[t, 1]], place[triangles[t, 2]]
+        flat = (a == b) | (b == c) | (c == a)
         flat_triangles[t] = flat
         n_flat += flat
     for i in range(lines.shape[0]):
-        flat_lines[i] = _apart(steps, lines[i, 0], lines[i, 1]) == 0
+        flat_lines[i] = place[lines[i, 0]] == place[lines[i, 1]]
         n_flat += flat_lines[i]
     return n_flat
 

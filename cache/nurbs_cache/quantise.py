@@ -148,16 +148,23 @@ def normal_error_deg(bits: int) -> float:
 @kernel
 def _measure_box(positions, box):  # type: ignore[no-untyped-def]
     """Row of a position that is not finite, or -1."""
-    for k in range(3):
-        low = high = positions[0, k]
+    x0 = x1 = positions[0, 0]
+    y0 = y1 = positions[0, 1]
+    z0 = z1 = positions[0, 2]
+    rest = 0.0  # stays 0 while all are finite: x - x is NaN otherwise
+    for i in range(positions.shape[0]):
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        x0, x1 = min(x0, x), max(x1, x)
+        y0, y1 = min(y0, y), max(y1, y)
+        z0, z1 = min(z0, z), max(z1, z)
+        rest += (x - x) + (y - y) + (z - z)
+    if rest != 0.0:
         for i in range(positions.shape[0]):
-            x = positions[i, k]
-            if not abs(x) < np.inf:
+            if not abs(positions[i, 0]) + abs(positions[i, 1]) + abs(positions[i, 2]) < np.inf:
                 return i
-            low = min(low, x)
-            high = max(high, x)
-        box[0, k] = low
-        box[1, k] = high
+    box[0, 0], box[1, 0] = x0, x1
+    box[0, 1], box[1, 1] = y0, y1
+    box[0, 2], box[1, 2] = z0, z1
     return -1
 
 

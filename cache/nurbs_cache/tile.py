@@ -56,6 +56,7 @@ POSITIONS, POSITIONS_HIGH, NORMALS, NORMALS_HIGH = 8, 9, 10, 11
 FIRST_ATTRIBUTE = 32  # streams from here on are attributes of the vertices
 N_ATTRIBUTES = 64
 _MAX_VERTICES = 1 << 28
+_FAR = 2.0**80  # mm; beyond every coordinate that is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +202,8 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
         raise CorruptRecordError(f"tile: {len(codes)} triangle codes, its header says {head.n_triangles}")
     grid = head.grid
     mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, grid.step, head.normal_bits)
-    lines = decode_numbers(streams.get(LINES, _ABSENT).decode(), 2 * head.n_lines, 0, n, "lines")
-    points = decode_numbers(streams.get(POINTS, _ABSENT).decode(), head.n_points, 1, n, "points")
+    lines = _numbers(streams.get(LINES, _ABSENT), 2 * head.n_lines, 0, n, "lines")
+    points = _numbers(streams.get(POINTS, _ABSENT), head.n_points, 1, n, "points")
     origin = np.array(grid.origin)
     return DecodedTile(
         origin=origin,
@@ -308,7 +309,7 @@ def _parse(data: bytes | memoryview) -> tuple[_Head, dict[int, _Stream]]:
     if (
         not MIN_POSITION_BITS <= position_bits <= MAX_POSITION_BITS
         or not MIN_NORMAL_BITS <= normal_bits <= MAX_NORMAL_BITS
-        or not all(abs(x) < 2.0**80 for x in origin)
+        or not (abs(origin[0]) < _FAR and abs(origin[1]) < _FAR and abs(origin[2]) < _FAR)
         or max(extent) >= 1 << position_bits
         or not MIN_EXPONENT <= exponent <= 64
         or zero
@@ -335,6 +336,13 @@ def _streams(view: memoryview, n_streams: int) -> dict[int, _Stream]:
     if start != end or len(streams) != n_streams:
         raise CorruptRecordError("tile: its streams do not fill it")
     return streams
+
+
+def _numbers(stream: _Stream, count: int, expected_step: int, limit: int, what: str) -> Indices:
+    """The numbers of a stream; most tiles have neither lines nor points."""
+    if stream is _ABSENT and not count:
+        return np.empty(0, np.uint32)
+    return decode_numbers(stream.decode(), count, expected_step, limit, what)
 
 
 def _vertex_bytes(streams: dict[int, _Stream], number: int, width: int, n: int) -> tuple[Bytes, Bytes]:

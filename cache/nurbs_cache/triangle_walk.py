@@ -47,21 +47,23 @@ def walk_triangles(
 
 @helper
 def _adjacency(triangles, n_vertices):  # type: ignore[no-untyped-def]
-    """Corner 4 t + k of triangle t: its vertex, and lists of the corners at each vertex.
+    """Corner 4 t + k of triangle t: its vertex, and lists of the corners at each vertex with their lengths.
 
     The fourth place of a triangle repeats its first vertex: the edge from corner ``i`` ends at ``vertex[i + 1]``.
     """
     vertex = np.empty(4 * triangles.shape[0], np.int32)
     follow = np.empty(4 * triangles.shape[0], np.int32)
     latest = np.full(n_vertices, -1, np.int32)
+    left = np.zeros(n_vertices, np.int32)
     for t in range(triangles.shape[0]):
         for k in range(3):
             a = np.int32(triangles[t, k])
             vertex[4 * t + k] = a
             follow[4 * t + k] = latest[a]
             latest[a] = 4 * t + k
+            left[a] += 1
         vertex[4 * t + 3] = triangles[t, 0]
-    return vertex, follow, latest
+    return vertex, follow, latest, left
 
 
 @helper
@@ -80,7 +82,7 @@ def _code_vertex(vertex, far, times, ring_head, extras, at):  # type: ignore[no-
 
 @kernel
 def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[no-untyped-def]
-    vertex, follow, latest = _adjacency(triangles, labels.shape[0])
+    vertex, follow, latest, left = _adjacency(triangles, labels.shape[0])
     n_triangles = triangles.shape[0]
     done = np.zeros(n_triangles, np.bool_)
     stack = np.empty((3 * n_triangles + 3, 2), np.int32)  # corner whose edge may be crossed; when it was reached
@@ -101,6 +103,9 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
             i_c = corner + 2 if turn < 1 else corner - 1
             a, b, c = vertex[corner], vertex[i_b], vertex[i_c]
             done[t] = True
+            left[a] -= 1
+            left[b] -= 1
+            left[c] -= 1
             if slot < NO_EDGE:
                 # two corners come with the edge
                 code = np.int64(NEW)
@@ -156,7 +161,10 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                 n_stack -= 1
                 edge = np.int64(stack[n_stack, 0])
                 begin = vertex[edge]
-                corner = np.int64(latest[vertex[edge + 1]])
+                end = vertex[edge + 1]
+                if left[end] == 0 or left[begin] == 0:
+                    continue
+                corner = np.int64(latest[end])
                 while corner >= 0 and ((vertex[corner + 1] != begin) | done[corner >> 2]):
                     corner = np.int64(follow[corner])
                 if corner >= 0:
