@@ -8,6 +8,7 @@ reordering and coding are timed, not the arithmetic that ours includes. Draco qu
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,14 +33,9 @@ class Peer:
 def peers() -> dict[str, Peer]:
     """Those that are installed (``pip install nurbs-ooc[bench]``)."""
     found: dict[str, Peer] = {}
-    try:
-        found |= _meshoptimizer()
-    except ImportError:
-        pass
-    try:
-        found |= _draco()
-    except ImportError:
-        pass
+    for make in (_meshoptimizer, _draco):
+        with suppress(ImportError):
+            found |= make()
     return found
 
 

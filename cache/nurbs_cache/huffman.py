@@ -12,8 +12,9 @@ Symbol i belongs to bit stream i mod 4. Within a word the first bit is the lowes
 most significant bit. Codes are canonical: by ascending length, then by ascending symbol, counting up. A
 lone symbol has the code 0 of length 1.
 
-Source: D. Huffman 1952, with two queues (J. van Leeuwen 1976); where a code is too long, lengths by package-merge (L. Larmore and D. Hirschberg, A fast algorithm for
-optimal length-limited Huffman codes, JACM 37, 1990); canonical codes, E. Schwartz and B. Kallick 1964.
+Source: D. Huffman 1952, with two queues (J. van Leeuwen 1976); where a code is too long, package-merge
+(L. Larmore and D. Hirschberg, A fast algorithm for optimal length-limited Huffman codes, JACM 37, 1990);
+canonical codes, E. Schwartz and B. Kallick 1964.
 """
 
 from __future__ import annotations
@@ -209,7 +210,7 @@ def _assign(lengths, codes):  # type: ignore[no-untyped-def]
 @kernel
 def _encode(stream, lengths, codes, words, counts):  # type: ignore[no-untyped-def]
     """Number of words written."""
-    at = 0
+    at = np.int64(0)
     for k in range(N_STREAMS):
         start = at
         pending = np.uint64(0)

@@ -112,8 +112,8 @@ def _decode_vertex(code, extras, at, n_used, far, ring, ring_head):  # type: ign
 
 @kernel
 def _decode(  # type: ignore[no-untyped-def]
-    codes, extras, n_extras, position_low, position_high, normal_low, normal_high, extent_x, extent_y, extent_z, step, bits,
-    triangles, positions, normals,
+    codes, extras, n_extras, position_low, position_high, normal_low, normal_high,
+    extent_x, extent_y, extent_z, step, bits, triangles, positions, normals,
 ):  # fmt: skip
     """0, or what is wrong."""
     n = positions.shape[0]
@@ -191,8 +191,10 @@ def _decode(  # type: ignore[no-untyped-def]
     if at != n_extras:
         return _BAD_INDEX
     # vertices of lines and points only
-    for i in range(max(n_used, 1), n):
-        outside |= _place(i, i - 1, i - 1, i - 1, dp, do, p, o, extents, mask)
+    rest = n_used if n_used > 0 else np.int64(1)
+    while rest < n:
+        outside |= _place(rest, rest - 1, rest - 1, rest - 1, dp, do, p, o, extents, mask)
+        rest += 1
     scale = np.float32(step)
     for i in range(n):
         for k in range(3):

@@ -164,9 +164,9 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                 end = vertex[edge + 1]
                 if left[end] == 0 or left[begin] == 0:
                     continue
-                corner = np.int64(latest[end])
+                corner = int(latest[end])
                 while corner >= 0 and ((vertex[corner + 1] != begin) | done[corner >> 2]):
-                    corner = np.int64(follow[corner])
+                    corner = int(follow[corner])
                 if corner >= 0:
                     slot = min(np.int64(edge_head - 1 - stack[n_stack, 1]), np.int64(NO_EDGE))
                     across = vertex[edge + 2 if edge & 3 < 1 else edge - 1]

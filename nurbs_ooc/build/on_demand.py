@@ -17,6 +17,7 @@ from nurbs_cache.node_record import LOD_DTYPE
 from nurbs_cache.tile import TileContent, tile_counts, tile_hash, tile_ledger
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
+from nurbs_ooc.build.codec_choice import codec_of
 from nurbs_ooc.build.error_order import raise_ancestors
 from nurbs_ooc.build.tile_stage import Forest, build_batch, encoded
 from nurbs_ooc.tessellation.tessellate import tessellate
@@ -91,7 +92,7 @@ def build_surface_lod(store: TypedStore, surface_id: int, level: int, workers: i
         np.arange(0 if len(mesh.triangles) else len(mesh.positions), dtype=np.uint32),
         Ledger(float(mesh.surface_error[0]), float(mesh.trim_error[0]), float(mesh.pcurve_error[0])),
     )
-    data = encoded(content, level)
+    data = encoded(content, level, codec_of(store))
     record = np.zeros(1, LOD_DTYPE)
     record["level"], record["geometric_error"] = level, tile_ledger(data).total
     record["tile_hash"], record["tile_bytes"] = tile_hash(data).encode(), len(data)

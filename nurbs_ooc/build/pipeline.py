@@ -25,6 +25,7 @@ from nurbs_cache.errors import UsageError
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.box_stage import box_surfaces
+from nurbs_ooc.build.codec_choice import DEFAULT_CODEC, codec_plan
 from nurbs_ooc.build.error_order import order_errors
 from nurbs_ooc.build.fingerprint import fingerprint
 from nurbs_ooc.build.read_stage import read_inputs
@@ -61,12 +62,14 @@ class BuildOptions:
         workers: threads.
         resume: go on with what is there.
         force: replace what is there.
+        codec: entropy coder of the tiles, "zstd" or "huffman".
     """
 
     levels: Levels = "all"
     workers: int = 1
     resume: bool = False
     force: bool = False
+    codec: str = DEFAULT_CODEC
 
 
 def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: ProgressBars, watch: Watch) -> None:
@@ -83,7 +86,7 @@ def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: 
         UsageError, InputFileError, CacheError: one line each; nothing is half-written.
     """
     _check(inputs, cache)
-    with open_target(cache, _plan(inputs), resume=options.resume, force=options.force) as store:
+    with open_target(cache, _plan(inputs, options.codec), resume=options.resume, force=options.force) as store:
         with watch.stage("read"), progress("reading surfaces", None) as bar:
             read_inputs(inputs, store, bar.advance)
         if not store.n_items():
@@ -120,9 +123,10 @@ def _check(inputs: Sequence[Path], cache: Path) -> None:
             raise UsageError(f"{cache}: is an input and cannot be the cache too")
 
 
-def _plan(inputs: Sequence[Path]) -> dict[str, Any]:
+def _plan(inputs: Sequence[Path], codec: str) -> dict[str, Any]:
     """What a build is made from; kept in the store so that it is not resumed with something else."""
     return {
+        **codec_plan(codec),
         "inputs": [fingerprint(path) for path in inputs],
         "tunables": {
             "edge_over_error": tunables.EDGE_OVER_ERROR,

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from nurbs_cache.tile import TileContent, encode_tile, tile_counts, tile_hash, tile_ledger
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
+from nurbs_ooc.build.codec_choice import DEFAULT_CODEC, codec_of
 from nurbs_ooc.build.face_report import FaceReport
 from nurbs_ooc.build.surface_meshes import SURFACE_MASK, mesh_keys, mesh_surfaces
 from nurbs_ooc.build.workers import run_in_order
@@ -34,17 +35,19 @@ class Forest:
     Attributes:
         nodes, items: as stored.
         placements: one row per occurrence.
+        codec: entropy coder of the tiles.
     """
 
     nodes: npt.NDArray[np.void]
     items: npt.NDArray[np.void]
     placements: Placements
+    codec: str = DEFAULT_CODEC
 
     @classmethod
     def load(cls, store: TypedStore) -> Forest:
         """Read the tables of a store whose trees are built."""
         placements = Placements.of_transforms(store.get_occurrences()["transform"])
-        return cls(store.get_nodes(), store.get_items(), placements)
+        return cls(store.get_nodes(), store.get_items(), placements, codec_of(store))
 
     def items_of(self, row: int) -> npt.NDArray[np.void]:
         """All items of a node's subtree."""
@@ -107,7 +110,7 @@ def build_batch(store: TypedStore, forest: Forest, rows: npt.NDArray[np.int64], 
     ends = np.cumsum(nodes["n_items"].astype(np.int64))
     jobs = (
         partial(_build_node, node, items[end - node["n_items"] : end], slots[end - node["n_items"] : end], pool,
-                forest.placements, budget)
+                forest.placements, budget, forest.codec)
         for node, end in zip(nodes, ends.tolist(), strict=True)
     )  # fmt: skip
     tiles, records = [], nodes.copy()
@@ -127,17 +130,19 @@ def _build_node(
     pool: MeshPool,
     placements: Placements,
     budget: NodeBudget,
+    codec: str,
 ) -> bytes:
     """Bytes of a node's tile."""
-    return encoded(node_content(items, slots, pool, placements, node["aabb_min"], budget), int(node["level"]))
+    return encoded(node_content(items, slots, pool, placements, node["aabb_min"], budget), int(node["level"]), codec)
 
 
-def encoded(content: TileContent, level: int) -> bytes:
+def encoded(content: TileContent, level: int, codec: str) -> bytes:
     """A tile on the position grid that all tiles of its ladder level share."""
     return encode_tile(
         content,
         position_bits=tunables.POSITION_BITS,
         normal_bits=tunables.NORMAL_BITS,
+        codec=codec,
         min_step_exponent=level - tunables.STEP_LEVELS,
     )
 

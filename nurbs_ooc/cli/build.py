@@ -23,6 +23,13 @@ from nurbs_ooc.cli.console import Console, Stopwatch, peak_rss_mib, run_command,
 @click.option(
     "--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, show_default="all cores", help="Threads."
 )
+@click.option(
+    "--codec",
+    type=click.Choice(["zstd", "huffman"]),
+    default="zstd",
+    show_default=True,
+    help="Entropy coder of the tiles; what is built later on demand uses it too.",
+)
 @click.option("--resume", is_flag=True, help="Go on with a build that was stopped, or add tiles to a finished cache.")
 @click.option("--force", is_flag=True, help="Replace CACHE once the new one is complete.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write the report as JSON to this file.")
@@ -33,6 +40,7 @@ def command(
     cache: Path,
     levels: str,
     workers: int,
+    codec: str,
     resume: bool,
     force: bool,
     report: Path | None,
@@ -48,7 +56,7 @@ def command(
     from nurbs_ooc.build.report import contents
 
     console, watch = Console(as_json), Stopwatch()
-    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force)
+    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force, codec)
     build(inputs, cache, options, console.progress, watch)
     with Store.open(cache) as store:
         result = {"output": str(cache), **contents(store)}

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nurbs_cache.errors import UsageError
 from nurbs_ooc.synth.car_shape import CarShape
 from nurbs_ooc.synth.exterior import Exterior
 from nurbs_ooc.synth.hardware import brackets, fasteners
@@ -25,6 +26,8 @@ from nurbs_ooc.synth.tally import Tally, total
 from nurbs_ooc.synth.volumes import volumes
 from nurbs_ooc.synth.wheels import wheels
 
+STRUCTURE_SHARES = 0.55, 0.45
+"""At most this much of the surfaces and of the control points is structure; only small models feel it."""
 LABELS, LABEL_POINTS = 24, 48
 """Single plates that make the totals exact, and the control points kept for each."""
 PRESSING_ROLES = ("steel", "plastic", "underbody", "cast aluminium", "zinc", "fabric", "engine black", "carpet")
@@ -63,7 +66,7 @@ class CarModel:
         self._shape, self._roles = shape, roles
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
         self._boxes = volumes(shape)
-        self._made = _fitting(self._structure(size, streams[0]), 0.7 * size.surfaces)
+        self._made = _fitting(self._structure(size, streams[0]), size)
         n, shapes = size.surfaces, size.shapes
         self._made += fasteners(int(size.shares[0] * n), shapes[0], self._boxes, roles, streams[1])
         self._made += brackets(int(size.shares[1] * n), shapes[1], self._boxes, roles, streams[2])
@@ -72,6 +75,8 @@ class CarModel:
         used = sum(p.n_surfaces for p in self._pressings)
         points = sum(p.n_points(self._scale) for p in self._pressings)
         self._left = (n - self.made.surfaces - used, size.control_points - self.made.control_points - points)
+        if self._left[1] < 16 * self._left[0] + 16:
+            raise UsageError(f"{n} surfaces with {size.control_points} control points: too few points for a car")
 
     def _structure(self, size: ModelSize, rng: np.random.Generator) -> list[PartDraft]:
         shape, roles, fineness = self._shape, self._roles, size.fineness
@@ -111,12 +116,15 @@ class CarModel:
             yield PartDraft(f"label {k + 1}", ("fill", "labels"), builder, [place])
 
 
-def _fitting(parts: list[PartDraft], n_surfaces: float) -> list[PartDraft]:
-    """The parts, in order, that fit into a number of placed surfaces: all but in very small models."""
+def _fitting(parts: list[PartDraft], size: ModelSize) -> list[PartDraft]:
+    """The parts, in order, that fit into the structure's share of a model: all but in small ones."""
+    surfaces, points = (
+        share * n for share, n in zip(STRUCTURE_SHARES, (size.surfaces, size.control_points), strict=True)
+    )
     kept = []
     for part in parts:
-        n = part.builder.n_surfaces * len(part.places)
-        if n <= n_surfaces:
+        n, m = part.builder.n_surfaces * len(part.places), part.builder.n_control_points * len(part.places)
+        if n <= surfaces and m <= points:
             kept.append(part)
-            n_surfaces -= n
+            surfaces, points = surfaces - n, points - m
     return kept

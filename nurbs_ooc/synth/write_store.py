@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from nurbs_cache.scene_record import PartInfo
+from nurbs_cache.store import Store
 from nurbs_cache.surface_record import GeometryBatch
-from nurbs_ooc.build.target import open_target
+from nurbs_ooc.build.target import open_target, partial_path
 from nurbs_ooc.synth.baked import Baker
 from nurbs_ooc.synth.materials import material_list
 from nurbs_ooc.synth.model import CarModel
@@ -66,7 +69,7 @@ def write_synthetic(
     tree = ProductTree(preset.name, preset.places())
     numbers = _Numbers()
     plan = {"synthetic": {"model": preset.name, "seed": seed, "unshared": unshared, "surfaces": preset.size.surfaces}}
-    with open_target(path, plan, resume=False, force=force) as store:
+    with _all_or_nothing(path, plan, force) as store:
         parts = _unshared(model, tree, numbers) if unshared else _shared(model, tree, numbers)
         store.put_parts(_counted(parts, advance))
         units = {"stored": "mm", "synthetic": preset.name, "seed": seed}
@@ -82,6 +85,20 @@ def write_synthetic(
         "products": len(tree.products),
         "materials": len(materials),
     }
+
+
+@contextmanager
+def _all_or_nothing(path: Path, plan: dict[str, Any], force: bool) -> Iterator[Store]:
+    """The store to write; nothing is left of it when the block fails."""
+    ours = False
+    try:
+        with open_target(path, plan, resume=False, force=force) as store:
+            ours = True
+            yield store
+    except BaseException:
+        if ours:
+            shutil.rmtree(partial_path(path), ignore_errors=True)
+        raise
 
 
 def _counted(parts: Iterator[StoredPart], advance: Callable[[int], None]) -> Iterator[StoredPart]:

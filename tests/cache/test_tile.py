@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from nurbs_cache.errors import CorruptRecordError, UsageError
 from nurbs_cache.ledger import Ledger
-from nurbs_cache.quantise import normal_error_deg
 from nurbs_cache.mesh_decoder import decode_mesh
+from nurbs_cache.quantise import normal_error_deg
 from nurbs_cache.tile import DecodedTile, TileContent, check_tile, decode_tile, encode_tile, tile_hash, tile_ledger
 from nurbs_cache.triangle_walk import walk_triangles
 from tests.cache.makers import content, wavy_grid

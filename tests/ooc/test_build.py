@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from nurbs_cache.store import Store
 from nurbs_cache.surface_record import SurfaceKind
 from nurbs_cache.tile import decode_tile
 from nurbs_ooc.build import tunables
+from nurbs_ooc.build.on_demand import build_node_tile
 from nurbs_ooc.build.report import contents
 from nurbs_ooc.build.target import partial_path
 from nurbs_ooc.build.tile_stage import Forest, batches
@@ -201,3 +203,18 @@ def test_batches_are_bounded_and_do_not_change_the_tiles(
         assert len(parts) > len({int(level[0]) for level in levels})
     run_build(source, tmp_path / "small")
     assert hash_of(tmp_path / "small") == hash_of(built)
+
+
+def test_codec_is_chosen_per_build_and_kept(source: Path, tmp_path: Path) -> None:
+    tiles: dict[str, dict[int, int]] = {}
+    for codec in ("zstd", "huffman"):
+        run_build(source, tmp_path / codec, codec=codec, levels="root")
+        with Store.open(tmp_path / codec, read_only=False) as store:
+            missing = int(np.flatnonzero(store.get_nodes()["tile_hash"] == b"")[0])
+            build_node_tile(store, missing)
+            used = [coder for _, data in store.scan("tiles") for coder in data[121 : 121 + 12 * data[10] : 12]]
+        tiles[codec] = dict(Counter(used))
+    assert set(tiles["zstd"]) <= {0, 1} and tiles["zstd"][1]
+    assert set(tiles["huffman"]) <= {0, 2} and tiles["huffman"][2]
+    with pytest.raises(CacheError, match="codec"):
+        run_build(source, tmp_path / "huffman", codec="zstd", resume=True)
