@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ import numpy.typing as npt
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cache"))
 
 from codec_peers import Peer, peers
+from docs_section import replace_section
 
 from nurbs_cache.store import Store
 from nurbs_cache.tile import TileContent, decode_tile, encode_tile
@@ -124,6 +126,22 @@ def measure_peer(contents: list[TileContent], peer: Peer, repeats: int) -> dict[
     }
 
 
+def markdown(report: dict[str, Any]) -> str:
+    """The figures as a table."""
+    lines = [
+        f"{report['machine']}, {report['chunks']} tiles ({report['source']}),",
+        f"each with some {report['triangles']} triangles and {report['vertices']} vertices.",
+        "",
+        "| codec | bytes a triangle | encode MB/s | decode MB/s |",
+        "|---|--:|--:|--:|",
+    ]
+    ours = {f"ours, {name}": figures for name, figures in report["codecs"].items()}
+    for name, figures in {**ours, **report.get("peers", {})}.items():
+        values = figures["bytes_per_triangle"], figures["encode_mb_s"], figures["decode_mb_s"]
+        lines.append(f"| {name} | {values[0]:.2f} | {values[1]:.0f} | {values[2]:.0f} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Print the report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -131,6 +149,7 @@ def main() -> None:
     parser.add_argument("--chunks", type=int, default=12, help="number of chunks (default 12)")
     parser.add_argument("--repeats", type=int, default=30, help="runs of each, the best counts (default 30)")
     parser.add_argument("--peers", action="store_true", help="meshoptimizer and Draco too, where installed")
+    parser.add_argument("--docs", type=Path, help="page whose section `codec` is replaced by the table")
     options = parser.parse_args()
     random = np.random.default_rng(1)
     if options.cache:
@@ -139,7 +158,7 @@ def main() -> None:
         contents = [chunk(random) for _ in range(options.chunks)]
     if not contents:
         sys.exit(f"{options.cache}: no tile of {TRIANGLES // 4} triangles or more")
-    report = {
+    report: dict[str, Any] = {
         "source": str(options.cache or "made up"),
         "machine": platform.processor() or platform.machine(),
         "chunks": len(contents),
@@ -149,6 +168,8 @@ def main() -> None:
     }
     if options.peers:
         report["peers"] = {name: measure_peer(contents, peer, options.repeats) for name, peer in peers().items()}
+    if options.docs:
+        replace_section(options.docs, "codec", markdown(report))
     print(json.dumps(report, indent=2))
 
 

@@ -51,6 +51,16 @@ def command(
         raise UsageError("--step: a parking lot makes no sense as a STEP file; take golf or c-class")
     with watch.stage("write"), console.progress("surfaces", None) as bar:
         result = write_synthetic(preset, seed, path, unshared=unshared, force=force, advance=bar.advance)
+    if step:
+        from nurbs_ooc.synth.materials import material_list
+        from nurbs_ooc.synth.model import CarModel
+        from nurbs_ooc.synth.step_file import write_step
+
+        materials, roles = material_list(preset.materials, preset.paint)
+        step_path = path.with_suffix(".step")
+        with watch.stage("step"), console.progress("surfaces as STEP", None) as bar:
+            write_step(CarModel(preset.shape, preset.size, roles, seed), model, materials, step_path, bar.advance)
+        result["step"] = str(step_path)
     result = {"output": str(path), "model": model, "seed": seed, **result}
     result |= {"seconds": watch.seconds, "peak_rss_mib": peak_rss_mib()}
     if report:

@@ -12,6 +12,7 @@ import pytest
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.store import Store
+from nurbs_ooc.readers import open_assembly
 from nurbs_ooc.synth.presets import PRESETS
 from nurbs_ooc.synth.write_store import write_synthetic
 from tests.ooc.scenes import hash_of, run_build
@@ -136,3 +137,18 @@ def test_memory_does_not_grow_with_the_model(tmp_path: Path) -> None:
         )
         peaks.append(json.loads(run.stdout)["peak_rss_mib"])
     assert peaks[1] < peaks[0] + 250.0
+
+
+def test_step_file_reads_back_as_the_same_scene(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "nurbs_ooc", "synth", "golf", "--surfaces", "300", "--step", "--json"]
+    run = subprocess.run([*command, "-o", str(tmp_path / "g.nurbs")], capture_output=True, text=True, check=True)
+    report = json.loads(run.stdout)
+    with open_assembly(Path(report["step"])) as assembly:
+        parts = [part.geometry for part in assembly.parts()]
+        uses = np.bincount(assembly.occurrences["part"], minlength=len(parts))
+        assert int((uses * [len(part) for part in parts]).sum()) == 300
+        names = {product.name for product in assembly.products}
+    assert {"golf", "exterior", "chassis"} <= names
+    points = sum(int(n) * int((g.surfaces["n_u"] * g.surfaces["n_v"]).sum()) for n, g in zip(uses, parts, strict=True))
+    # Planes and cylinders may come back as such; free-form surfaces keep their nets.
+    assert 0.7 * report["control_points"] < points <= report["control_points"]
