@@ -76,7 +76,7 @@ def _place(row, first, second, third, dp, do, p, o, extents, mask):  # type: ign
         outside |= value | (extents[k] - value)
         p[i, k] = value
     for k in range(2):
-        o[i, k] = np.int32(o[a, k] + o[b, k] - o[d, k] + do[k, i]) & mask
+        o[k, i] = np.int32(o[k, a] + o[k, b] - o[k, d] + do[k, i]) & mask
     return outside
 
 
@@ -88,7 +88,7 @@ def _place_first(dp, do, p, o, extents, mask):  # type: ignore[no-untyped-def]
         p[0, k] = dp[k, 0]
         outside |= p[0, k] | (extents[k] - p[0, k])
     for k in range(2):
-        o[0, k] = do[k, 0] & mask
+        o[k, 0] = do[k, 0] & mask
     return outside
 
 
@@ -122,7 +122,7 @@ def _decode(  # type: ignore[no-untyped-def]
         join_planes(position_low, position_high, k, 3, dp[k])
     for k in range(2):
         join_planes(normal_low, normal_high, k, 2, do[k])
-    p, o = np.empty((n, 3), np.int32), np.empty((n, 2), np.int32)  # values
+    p, o = np.empty((n, 3), np.int32), np.empty((2, n), np.int32)  # values
     extents = (np.int32(extent_x), np.int32(extent_y), np.int32(extent_z))
     mask = np.int32((1 << bits) - 1)
     first = np.full(RING, np.int64(_NOBODY))

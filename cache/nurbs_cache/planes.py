@@ -156,21 +156,27 @@ def _fold_octahedral(octahedral, order, predictors, bits, folded):  # type: igno
 
 @helper
 def to_unit_normals(octahedral, bits, normals):  # type: ignore[no-untyped-def]
-    """(n, 3) float32 unit vectors of (n, 2) coordinates, never NaN."""
+    """(n, 3) float32 unit vectors of (2, n) coordinates, never NaN."""
     half = np.int32((1 << (bits - 1)) - 1)
     scale = np.float32(1.0) / np.float32(half)
     one = np.float32(1.0)
-    for i in range(normals.shape[0]):
-        x = np.float32(octahedral[i, 0] - half) * scale
-        y = np.float32(octahedral[i, 1] - half) * scale
+    n = normals.shape[0]
+    xyz = np.empty((3, n), np.float32)  # first coordinate by coordinate: in vector registers
+    for i in range(n):
+        x = np.float32(octahedral[0, i] - half) * scale
+        y = np.float32(octahedral[1, i] - half) * scale
         z = one - abs(x) - abs(y)
         under = max(-z, np.float32(0.0))
         x -= np.copysign(under, x)
         y -= np.copysign(under, y)
         length = one / np.sqrt(x * x + y * y + z * z)
-        normals[i, 0] = x * length
-        normals[i, 1] = y * length
-        normals[i, 2] = z * length
+        xyz[0, i] = x * length
+        xyz[1, i] = y * length
+        xyz[2, i] = z * length
+    for i in range(n):
+        normals[i, 0] = xyz[0, i]
+        normals[i, 1] = xyz[1, i]
+        normals[i, 2] = xyz[2, i]
 
 
 @kernel

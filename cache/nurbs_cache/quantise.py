@@ -151,16 +151,17 @@ def _measure_box(positions, box):  # type: ignore[no-untyped-def]
     x0 = x1 = positions[0, 0]
     y0 = y1 = positions[0, 1]
     z0 = z1 = positions[0, 2]
-    rest = 0.0  # stays 0 while all are finite: x - x is NaN otherwise
+    finite = True
     for i in range(positions.shape[0]):
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         x0, x1 = min(x0, x), max(x1, x)
         y0, y1 = min(y0, y), max(y1, y)
         z0, z1 = min(z0, z), max(z1, z)
-        rest += (x - x) + (y - y) + (z - z)
-    if rest != 0.0:
+        finite &= (abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)
+    if not finite:
         for i in range(positions.shape[0]):
-            if not abs(positions[i, 0]) + abs(positions[i, 1]) + abs(positions[i, 2]) < np.inf:
+            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+            if not ((abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)):
                 return i
     box[0, 0], box[1, 0] = x0, x1
     box[0, 1], box[1, 1] = y0, y1
@@ -197,13 +198,17 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
     one = np.float32(1.0)
     scale = np.float32(half)
     tiny = np.float32(1e-30)  # shorter ones count as zero vectors
-    for i in range(normals.shape[0]):
-        if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
-            return i
-    for i in range(normals.shape[0]):
+    n = normals.shape[0]
+    planar = np.empty((2, n), np.int32)  # first coordinate by coordinate: in vector registers
+    finite = True
+    for i in range(n):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         total = abs(x) + abs(y) + abs(z)
-        inverse = one / (total if total > tiny else one)
+        good = total < np.inf
+        finite &= good
+        inverse = one / (total if (total > tiny) & good else one)
+        x = x if good else one
+        y = y if good else one
         u = x * inverse
         v = y * inverse
         fold = z < np.float32(0.0)
@@ -211,6 +216,13 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
         folded_v = np.copysign(one - abs(u), v)
         u = folded_u if fold else u
         v = folded_v if fold else v
-        octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
-        octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
+        planar[0, i] = np.int32(np.rint(u * scale)) + half
+        planar[1, i] = np.int32(np.rint(v * scale)) + half
+    if not finite:
+        for i in range(n):
+            if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
+                return i
+    for i in range(n):
+        octahedral[i, 0] = planar[0, i]
+        octahedral[i, 1] = planar[1, i]
     return -1
