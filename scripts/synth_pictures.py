@@ -21,7 +21,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 VIEWS = {  # eye, target, in mm
     "golf": [((-2300, 3300, 1500), (1850, 0, 560)), ((6300, 3300, 1800), (2150, 0, 580))],
     "c-class": [((-2400, 3500, 1500), (2050, 0, 560)), ((6700, 3500, 1800), (2350, 0, 580))],
-    "parking-lot": [((-9000, 26500, 8500), (-700, 8600, 0))],
+    "parking-lot": [((-10500, 30500, 9500), (-900, 10600, 0))],
 }
 ERROR_PX = {"golf": 0.7, "c-class": 1.0, "parking-lot": 1.5}
 
@@ -31,15 +31,27 @@ def run(*command: object) -> None:
     subprocess.run([sys.executable, "-m", "nurbs_ooc", *map(str, command)], check=True)
 
 
-def cropped(path: Path) -> Image.Image:
-    """A frame without its empty border: the background is the same along each row."""
-    image = Image.open(path).convert("RGB")
-    pixels = np.asarray(image, np.int16)
-    drawn = np.abs(pixels - pixels[:, :1]).max(axis=2) > 12
-    rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
+def side_by_side(paths: list[Path]) -> Image.Image:
+    """Frames without their empty borders, next to one another; the background is the same along each row."""
+    images = [Image.open(path).convert("RGB") for path in paths]
+    boxes = []
+    for image in images:
+        pixels = np.asarray(image, np.int16)
+        drawn = np.abs(pixels - pixels[:, :1]).max(axis=2) > 12
+        rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
+        boxes.append((columns[0], rows[0], columns[-1], rows[-1]))
     spare = 24
-    box = (columns[0] - spare, rows[0] - spare, columns[-1] + spare, rows[-1] + spare)
-    return image.crop((max(box[0], 0), max(box[1], 0), min(box[2], image.width), min(box[3], image.height)))
+    top = max(min(box[1] for box in boxes) - spare, 0)
+    bottom = min(max(box[3] for box in boxes) + spare, images[0].height)
+    sides = [
+        (max(box[0] - spare, 0), min(box[2] + spare, image.width)) for box, image in zip(boxes, images, strict=True)
+    ]
+    sheet = Image.new("RGB", (sum(right - left for left, right in sides), bottom - top))
+    at = 0
+    for image, (left, right) in zip(images, sides, strict=True):
+        sheet.paste(image.crop((left, top, right, bottom)), (at, 0))
+        at += right - left
+    return sheet
 
 
 def picture(model: str, work: Path) -> None:
@@ -53,12 +65,7 @@ def picture(model: str, work: Path) -> None:
     path = work / f"{model}.json"
     path.write_text(json.dumps({"keyframes": keys, "frames": len(keys)}))
     run("fly", cache, "--path", path, "-o", frames, "--size", "960x540", "--error-px", ERROR_PX[model])
-    images = [cropped(frames / f"frame_{i:05d}.png") for i in range(len(views))]
-    sheet = Image.new("RGB", (sum(i.width for i in images), max(i.height for i in images)), "white")
-    left = 0
-    for image in images:
-        sheet.paste(image, (left, (sheet.height - image.height) // 2))
-        left += image.width
+    sheet = side_by_side([frames / f"frame_{i:05d}.png" for i in range(len(views))])
     sheet.save(DOCS / f"synth_{model.replace('-', '_')}.png", optimize=True)
 
 

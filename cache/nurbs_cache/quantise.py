@@ -198,17 +198,13 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
     one = np.float32(1.0)
     scale = np.float32(half)
     tiny = np.float32(1e-30)  # shorter ones count as zero vectors
-    n = normals.shape[0]
-    planar = np.empty((2, n), np.int32)  # first coordinate by coordinate: in vector registers
-    finite = True
-    for i in range(n):
+    for i in range(normals.shape[0]):
+        if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
+            return i
+    for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         total = abs(x) + abs(y) + abs(z)
-        good = total < np.inf
-        finite &= good
-        inverse = one / (total if (total > tiny) & good else one)
-        x = x if good else one
-        y = y if good else one
+        inverse = one / (total if total > tiny else one)
         u = x * inverse
         v = y * inverse
         fold = z < np.float32(0.0)
@@ -216,13 +212,6 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
         folded_v = np.copysign(one - abs(u), v)
         u = folded_u if fold else u
         v = folded_v if fold else v
-        planar[0, i] = np.int32(np.rint(u * scale)) + half
-        planar[1, i] = np.int32(np.rint(v * scale)) + half
-    if not finite:
-        for i in range(n):
-            if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
-                return i
-    for i in range(n):
-        octahedral[i, 0] = planar[0, i]
-        octahedral[i, 1] = planar[1, i]
+        octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
+        octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
     return -1
