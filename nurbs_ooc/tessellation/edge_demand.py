@@ -34,8 +34,10 @@ Ints = npt.NDArray[np.int64]
 TRIM_SHARE = 0.25
 # The surface's deviation along the boundary leaves at least this share to the direction across it.
 ACROSS_SHARE = 0.5
-# An interval that needs several samples is measured again in halves while these are less demanding, to so many parts.
+# An interval that needs several samples is measured again in halves while these are less demanding, or still need
+# many, to so many parts.
 SEVERAL = 1.5
+MANY = 8.0
 PAYS = 0.8
 MAX_PARTS = 32
 MAX_HALVINGS = 12
@@ -153,7 +155,9 @@ def _demand(
         if edge.curve < 0:
             # A pole has no length: let the columns of the whole face decide.
             u0, u1, v0, v1 = s.u0, s.u1, s.v0, s.v1
-        box_bounds(g, p, row, u0, u1, v0, v1, d.work, bounds)
+        # An end at a knot does not look beyond it because of roundoff.
+        du, dv = min(SAME_BREAK * (s.u1 - s.u0), 0.5 * (u1 - u0)), min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
+        box_bounds(g, p, row, u0 + du, u1 - du, v0 + dv, v1 - dv, d.work, bounds)
         if edge.curve >= 0:
             if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:
                 sliver = bounds[LU] * part[D2] * square
@@ -246,9 +250,9 @@ def _divide(
         if depth > 0:
             own, own_bend = _demand(g, p, c, uses, e, a, b, error, True, d)
             demands[depth], bends[depth] = min(own, demands[depth - 1]), min(own_bend, bends[depth - 1])
-        several = math.sqrt(demands[depth] / 8.0) * (b - a) > SEVERAL
-        pays = depth == 0 or demands[depth] < PAYS * demands[depth - 1]
-        if several and pays and depth < MAX_HALVINGS and at - first + depth + 2 <= MAX_PARTS:
+        expected = math.sqrt(demands[depth] / 8.0) * (b - a)
+        pays = depth == 0 or demands[depth] < PAYS * demands[depth - 1] or expected > MANY
+        if expected > SEVERAL and pays and depth < MAX_HALVINGS and at - first + depth + 2 <= MAX_PARTS:
             depth += 1
             index *= 2
             continue
