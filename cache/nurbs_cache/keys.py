@@ -87,6 +87,13 @@ def surface_key(surface_id: int) -> bytes:
     return struct.pack(">Q", surface_id)
 
 
+def parse_surface_key(key: bytes) -> int:
+    """Inverse of ``surface_key``."""
+    if len(key) != 8:
+        raise CorruptRecordError(f"key {key.hex()} is not the 8 bytes of a surface id")
+    return int.from_bytes(key, "big")
+
+
 def tile_key(tile_hash: str | bytes) -> bytes:
     """Key of a tile: the 16 bytes of its hash, given as 32 hex characters (text, or as in a record)."""
     text = tile_hash.decode("ascii", "replace") if isinstance(tile_hash, bytes) else tile_hash

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from nurbs_ooc.cli.console import Console, Stopwatch, run_command, write_report
+from nurbs_ooc.cli.options import workers_option
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,13 +21,18 @@ NAMED = 5  # violations in the error's one line; --json and --report have them a
 @click.command("verify")
 @click.argument("cache", type=click.Path(path_type=Path))
 @click.option(
-    "--samples", type=click.IntRange(min=1), default=64, show_default=True, help="Samples a surface and tile."
+    "--samples",
+    type=click.IntRange(min=1),
+    default=2_000_000,
+    show_default=True,
+    help="Points to measure, spread over all tiles and their surfaces, before climbing; the time follows them.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="The same seed finds the same.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed finds the same.")
+@workers_option
 @click.option("--report", type=click.Path(path_type=Path), help="Write the findings as JSON to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Write the findings as one line of JSON to stdout.")
 @run_command
-def command(cache: Path, samples: int, seed: int, report: Path | None, as_json: bool) -> None:
+def command(cache: Path, samples: int, seed: int, workers: int, report: Path | None, as_json: bool) -> None:
     """Attack the error bounds (mm) that CACHE promises, with code that shares nothing with the tessellator.
 
     Points of the exact trimmed surfaces are measured to what every stored tile draws, and what it draws to
@@ -34,12 +40,15 @@ def command(cache: Path, samples: int, seed: int, report: Path | None, as_json: 
     """
     from nurbs_cache.errors import PromiseBrokenError
     from nurbs_cache.store import Store
-    from nurbs_ooc.measure.verify_cache import n_steps, verify_cache
+    from nurbs_ooc.measure.verify_cache import CacheAttack
 
     console, watch = Console(as_json), Stopwatch()
-    with Store.open(cache) as store, console.progress("verify", n_steps(store)) as bar, watch.stage("verify"):
-        found = verify_cache(store, samples, seed, bar.advance)
-    result = found.as_json() | {"cache": str(cache), "seed": seed, "seconds": watch.seconds}
+    with Store.open(cache) as store, watch.stage("verify"):
+        attack = CacheAttack(store, samples, seed, workers)
+        with console.progress("verify", attack.n_jobs) as bar:
+            found = attack.run(bar.advance)
+    settings = {"cache": str(cache), "requested_samples": samples, "seed": seed, "workers": workers}
+    result = found.as_json() | settings | {"seconds": watch.seconds}
     if report:
         write_report(report, result)
     console.json(result)

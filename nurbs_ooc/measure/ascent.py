@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_ooc.measure.exact_surface import points
 from nurbs_ooc.measure.trim_region import TrimRegion
 
 DIRECTIONS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0) if (i, j) != (0.0, 0.0)])
@@ -50,7 +49,7 @@ def climb(
         tried = uv[start] + step[start] * np.tile(DIRECTIONS, (len(face), 1))
         rows = np.flatnonzero(region.contains(face[start], tried))
         found = np.full(len(start), -np.inf)
-        found[rows] = distance(start[rows], points(region.geometry, region.faces[face[start[rows]]], tried[rows]))
+        found[rows] = distance(start[rows], region.placed.points(face[start[rows]], tried[rows]))
         around = found.reshape(-1, len(DIRECTIONS))
         best = np.argmax(around, axis=1)
         top = around[np.arange(len(face)), best]

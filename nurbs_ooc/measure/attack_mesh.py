@@ -2,8 +2,7 @@
 
 1. Samples of the trimmed surface are measured to the triangles; the worst climb to worse ones.
 2. Points of the triangles are measured to the trimmed surface; the worst triangles are sampled again.
-3. What is over its limit is examined: is the sample really inside the loops, is there really no
-   foot? Only what stands is reported as a violation.
+3. A mesh point over its limit is examined: is there really no foot? Only what stands is a violation.
 
 Nothing is shared with the tessellator but the records.
 """
@@ -24,12 +23,11 @@ from nurbs_ooc.measure.exact_surface import normals, points
 from nurbs_ooc.measure.face_sampler import sample_faces
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.mesh_sampler import sample_triangles
-from nurbs_ooc.measure.trim_region import TrimRegion, inside_for_sure
+from nurbs_ooc.measure.trim_region import TrimRegion
 from nurbs_ooc.measure.violation import Violation
 from nurbs_ooc.tessellation.mesh import MeshBatch
 
-REGION_SHARE = 0.02  # of a face's promise: how straight its boundary segments are
-FINER = 1e-3  # the same for looking again at a sample that breaks a promise
+REGION_SHARE = 0.02  # of a face's promise: boundary pieces straight within it are not cut finer
 FINEST = 1e-9  # of the part's size: no boundary is cut finer than this
 ROUNDING = 64 * np.finfo(float).eps  # of the largest coordinate: what float64 itself may add
 CLIMBERS = 3  # samples per face that climb
@@ -172,7 +170,7 @@ class _Attack:
         report.n_samples += len(s)
         report.surface_to_mesh_mean[self.alive] = _mean(s.face, distance, len(self.alive))
         top = worst_of_each(s.face, distance, CLIMBERS)
-        face, on_boundary = s.face[top], s.on_boundary[top]
+        face = s.face[top]
         step = (self.region.bounds[face, 2:] - self.region.bounds[face, :2]) / np.sqrt(self.samples)
 
         def measure(start: Indices, p: Floats) -> Floats:
@@ -180,28 +178,16 @@ class _Attack:
             return self.tree.query(p, face[start])[0]
 
         uv, value = climb(self.region, face, s.uv[top], distance[top], step, measure)
-        sure = on_boundary & (value == distance[top])
-        over = np.flatnonzero((value > self.limit[face]) & ~sure)
-        keep = np.ones(len(top), bool)
-        keep[over] = self._really_inside(face[over], uv[over])
-        # What turned out to lie outside falls back to the samples it started from.
-        for j in worst_of_each(face[keep], value[keep], 1):
-            k = np.flatnonzero(keep)[j]
+        for k in worst_of_each(face, value, 1):
             i = self.alive[face[k]]
             report.surface_to_mesh_max[i], report.worst_uv[i] = value[k], uv[k]
             if value[k] > self.limit[face[k]]:
-                self._record(
-                    i, "surface to mesh", value[k], uv[k], points(self.geometry, self.mesh.faces[i], [uv[k]])[0]
-                )
-
-    def _really_inside(self, face: Indices, uv: Floats) -> npt.NDArray[np.bool_]:
-        """Test again with loops cut a thousand times finer."""
-        tolerance = FINER * np.maximum(REGION_SHARE * self.certified[self.alive], FINEST * self.size)
-        return inside_for_sure(self.geometry, self.region.faces[face], uv, tolerance[face])
+                p = points(self.geometry, self.mesh.faces[i], [uv[k]])[0]
+                self._record(i, "surface to mesh", value[k], uv[k], p)
 
     def _mesh_to_surface(self) -> None:
         mesh, report = self.mesh, self.report
-        self.finder = FootFinder(self.region, self.found)
+        self.finder = FootFinder(self.region)
         corner = mesh.positions[mesh.triangles]
         areas = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
         face, triangle, weight = sample_triangles(areas, mesh.triangle_start, self.samples, self.rng)
@@ -221,27 +207,29 @@ class _Attack:
     def _measure_back(self, face: Indices, triangle: Indices, weight: Floats) -> tuple[Floats, Floats]:
         rows = self.mesh.triangles[triangle]
         p = np.einsum("nk,nki->ni", weight, self.mesh.positions[rows])
-        hint = np.einsum("nk,nki->ni", weight, self.mesh.parameters[rows])
-        hint = np.where(np.isfinite(hint), hint, 0.0)
         self.report.n_samples += len(p)
-        _, value = self.finder.find(face, p, hint, self.limit[face])
+        _, _, value = self.finder.nearest(p, np.arange(len(p) + 1), face)
         return p, value
 
     def _judge_back(self, face: Indices, triangle: Indices, weight: Floats, value: Floats) -> None:
-        """The largest distance of each face; those over the limit must be proven, worst first."""
+        """The largest distance of each face; those over the limit are searched again and proven, worst first."""
         order = worst_of_each(face, value, 6)
         settled: set[int] = set()
         for k in order:
             f, i = int(face[k]), self.alive[face[k]]
             if f in settled:
                 continue
-            if value[k] > self.limit[f]:
+            distance, limit = float(value[k]), float(self.limit[f])
+            if distance > limit:
                 p = weight[k] @ self.mesh.positions[self.mesh.triangles[triangle[k]]]
-                if not nowhere_near(self.region, f, p, float(self.limit[f])):
+                to_face, to_boundary = self.finder.search(p, f, distance)
+                distance = min(distance, to_face)
+            if distance > limit:
+                if not nowhere_near(self.region, f, p, limit, to_boundary):
                     self.report.undecided += 1
                     continue
-                self._record(i, "mesh to surface", value[k], None, p)
-            self.report.mesh_to_surface_max[i] = value[k]
+                self._record(i, "mesh to surface", distance, None, p)
+            self.report.mesh_to_surface_max[i] = distance
             settled.add(f)
 
     def _orientation(self) -> None:

@@ -12,6 +12,7 @@ Whatever is not on the boundary itself has passed the even-odd test.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,6 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
 from nurbs_ooc.measure.exact_curve import evaluate_curves
-from nurbs_ooc.measure.exact_surface import derivatives, points
 from nurbs_ooc.measure.trim_region import TrimRegion
 
 BOUNDARY_SHARE = 0.25
@@ -49,26 +49,28 @@ class SampleSet:
         return len(self.face)
 
 
-def sample_faces(region: TrimRegion, per_face: int, seed: int) -> SampleSet:
-    """About ``per_face`` samples of every face of ``region``, the same for the same ``seed``.
+def sample_faces(
+    region: TrimRegion, per_face: int, seed: int | Sequence[int], faces: npt.NDArray[np.int64] | None = None
+) -> SampleSet:
+    """About ``per_face`` samples of each of ``faces`` (by default all of ``region``), the same for the same ``seed``.
 
     Needles whose inside no candidate hits get boundary samples only.
     """
-    rng = np.random.default_rng([seed, 0x5A17])
-    geometry = region.geometry
+    rng = np.random.default_rng([*np.atleast_1d(seed), 0x5A17])
+    faces = np.arange(len(region)) if faces is None else np.sort(faces)
     n_boundary = max(8, int(per_face * BOUNDARY_SHARE))
-    boundary_face, boundary_uv = _on_boundary(region, n_boundary, rng)
+    boundary_face, boundary_uv = _on_boundary(region, faces, n_boundary, rng)
     tested = [
-        _interior(region, max(4, int(per_face * (1 - BOUNDARY_SHARE - NEAR_SHARE - SPECIAL_SHARE))), rng),
+        _interior(region, faces, max(4, int(per_face * (1 - BOUNDARY_SHARE - NEAR_SHARE - SPECIAL_SHARE))), rng),
         _near_boundary(region, boundary_face, boundary_uv, max(4, int(per_face * NEAR_SHARE)), rng),
-        _special(region, max(4, int(per_face * SPECIAL_SHARE)), rng),
+        _special(region, faces, max(4, int(per_face * SPECIAL_SHARE)), rng),
     ]
     face = np.concatenate([boundary_face, *(f for f, _ in tested)])
     uv = np.concatenate([boundary_uv, *(p for _, p in tested)])
     on_boundary = np.arange(len(face)) < len(boundary_face)
     order = np.argsort(face, kind="stable")
     face, uv, on_boundary = face[order], uv[order], on_boundary[order]
-    return SampleSet(face, uv, points(geometry, region.faces[face], uv), on_boundary)
+    return SampleSet(face, uv, region.placed.points(face, uv), on_boundary)
 
 
 Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
@@ -89,18 +91,17 @@ def _jittered(region: TrimRegion, faces: npt.NDArray[np.int64], n: int, rng: np.
     return _kept(region, face, low + share * (high - low))
 
 
-def _interior(region: TrimRegion, n: int, rng: np.random.Generator) -> Samples:
-    everything = np.arange(len(region.faces))
-    face, uv = _jittered(region, everything, STRATA_PER_SAMPLE * n, rng)
+def _interior(region: TrimRegion, faces: npt.NDArray[np.int64], n: int, rng: np.random.Generator) -> Samples:
+    face, uv = _jittered(region, faces, STRATA_PER_SAMPLE * n, rng)
     for _ in range(3):  # faces that fill little of their box get more candidates
-        count = np.bincount(face, minlength=len(region.faces))
-        few = np.flatnonzero(count < n)
+        count = np.bincount(face, minlength=len(region))
+        few = faces[count[faces] < n]
         if not len(few):
             break
         again = _jittered(region, few, 8 * STRATA_PER_SAMPLE * n, rng)
         face, uv = np.concatenate([face, again[0]]), np.concatenate([uv, again[1]])
     # Keep n a face: the first half as they come, the others with chances in proportion to their area.
-    d = derivatives(region.geometry, region.faces[face], uv)
+    d = region.placed.derivatives(face, uv)
     area = np.linalg.norm(np.cross(d[:, 1], d[:, 2]), axis=1)
     area = np.where(np.isfinite(area), area, 0.0)
     fair = rng.random(len(face)) < 0.5
@@ -110,24 +111,24 @@ def _interior(region: TrimRegion, n: int, rng: np.random.Generator) -> Samples:
     for kind in (fair, ~fair):
         rows = np.flatnonzero(kind)
         rows = rows[np.lexsort((-rank[rows], face[rows]))]
-        start = np.searchsorted(face[rows], everything)
+        start = np.searchsorted(face[rows], np.arange(len(region)))
         picked.append(rows[np.arange(len(rows)) - start[face[rows]] < (n + 1) // 2])
     rows = np.concatenate(picked)
     return face[rows], uv[rows]
 
 
-def _on_boundary(region: TrimRegion, n: int, rng: np.random.Generator) -> Samples:
+def _on_boundary(region: TrimRegion, faces: npt.NDArray[np.int64], n: int, rng: np.random.Generator) -> Samples:
     """Points of the exact boundary curves, segments drawn alike: they lie thickest where curves bend."""
     counts = np.diff(region.start)
-    face = np.repeat(np.flatnonzero(counts), n)
+    face = np.repeat(faces[counts[faces] > 0], n)
     segment = region.segments[region.start[face] + (rng.random(len(face)) * counts[face]).astype(np.int64)]
     share = rng.random(len(face))
     share[rng.random(len(face)) < 0.1] = 0.0  # ends of curves, corners
     uv = segment["uv0"] + share[:, None] * (segment["uv1"] - segment["uv0"])
     curved = np.flatnonzero(segment["coedge"] >= 0)
     t = segment["t0"] + share * (segment["t1"] - segment["t0"])
-    rows = region.geometry.coedges["pcurve"][segment["coedge"][curved]]
-    uv[curved] = evaluate_curves(region.geometry, rows, t[curved])[0][:, :2]
+    rows = region.placed.geometry.coedges["pcurve"][segment["coedge"][curved]]
+    uv[curved] = evaluate_curves(region.placed.geometry, rows, t[curved])[0][:, :2]
     return face, uv
 
 
@@ -144,17 +145,17 @@ def _near_boundary(
     return _kept(region, face[pick], moved)
 
 
-def _special(region: TrimRegion, n: int, rng: np.random.Generator) -> Samples:
+def _special(region: TrimRegion, faces: npt.NDArray[np.int64], n: int, rng: np.random.Generator) -> Samples:
     """One or both coordinates on a knot, a side of the domain or the box, or a hair off it."""
-    geometry = region.geometry
-    face = np.repeat(np.arange(len(region.faces)), n)
+    geometry = region.placed.geometry
+    face = np.repeat(faces, n)
     uv = np.empty((len(face), 2))
     which = rng.integers(0, 3, len(face))  # 0: u is special, 1: v is, 2: both
     for axis in range(2):
         low, high = region.bounds[face, axis], region.bounds[face, 2 + axis]
         value = low + rng.random(len(face)) * (high - low)
         special = (which == axis) | (which == 2)
-        knot = _random_break(geometry, region.faces[face], axis, rng)
+        knot = _random_break(geometry, region.placed.rows[face], axis, rng)
         off = rng.choice([0.0, 0.0, 1e-12, -1e-12, 1e-6, -1e-6, 1e-3, -1e-3], len(face)) * (high - low)
         uv[:, axis] = np.where(special, knot + off, value)
     return _kept(region, face, uv)

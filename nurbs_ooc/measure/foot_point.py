@@ -1,8 +1,11 @@
 """Feet of points on trimmed faces: the witnesses that a drawn point is near its surface.
 
-A foot found is a proof that the distance is no larger; that none was found proves nothing. So feet are
-sought from several seeds on the surface and along the boundary, and what is still too far then goes
-to ``nowhere_near`` of ``certify_far``.
+Per point and candidate face, two feet are sought: one inside, from the nearest rough triangle of the
+face downhill, and one on the boundary, along the nearest piece of it. The nearer counts. A point that
+stays too far from all candidates is worth ``search``, which begins from every triangle and every piece
+that could reach it; what is then still too far goes to ``nowhere_near`` of ``certify_far``.
+
+A foot found is a proof that the distance is no larger; that none was found proves nothing.
 
 Source: K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems, 2004,
 section 3.2 (Levenberg-Marquardt), with steps clamped to the face's parameter box.
@@ -14,16 +17,22 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel
-from nurbs_ooc.measure.closest import ClosestPrimitive
+from nurbs_ooc.measure.closest import ClosestPrimitive, nearest_primitive, triangle_distance2
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE, curve_point
-from nurbs_ooc.measure.exact_surface import points, surface_point
-from nurbs_ooc.measure.face_sampler import SampleSet
+from nurbs_ooc.measure.face_cells import face_cells
+from nurbs_ooc.measure.inside import MAX_DEPTH, is_inside
+from nurbs_ooc.measure.placed_faces import placed_point
 from nurbs_ooc.measure.trim_region import TrimRegion
 
 MAX_STEPS = 60
 SHRINK, GROW = 0.2, 6.0  # of the damping, after a good and a bad step
-FIRST_SHARES = 7  # points of a boundary segment that are tried: it is nearly straight
-SLIDES = 8  # steps from the best of them
+FIRST_SHARES = 5  # points of a boundary piece that are tried: it is nearly straight
+SLIDES = 10  # steps from the best of them
+SETTLED = 1e-13  # of the squared distance: a step that gains less is the last
+CAUTION = 2.0  # times the bend of a boundary piece that three points show
+
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 @helper
@@ -31,110 +40,179 @@ def _offset2(p, s):  # type: ignore[no-untyped-def]
     return (s[0] - p[0]) ** 2 + (s[1] - p[1]) ** 2 + (s[2] - p[2]) ** 2
 
 
-@kernel
-def _descend(surfaces, curves, values, rows, bounds, p, uv, distance):  # type: ignore[no-untyped-def]
-    """Move each ``uv`` downhill to a local foot of ``p``, inside its box; ``distance`` gets what is left."""
-    scratch = np.empty((3, 2, MAX_DEGREE + 1))
-    s, trial = np.empty((3, 3)), np.empty((3, 3))
-    step, at, goal, zero = np.empty(2), np.empty(2), np.empty(2), np.zeros(3)
-    for i in range(len(rows)):
-        box = bounds[i]
-        for k in range(2):
-            at[k] = min(box[2 + k], max(box[k], uv[i, k]))
-        surface_point(surfaces, curves, values, rows[i], at[0], at[1], scratch, s)
-        d2 = _offset2(p[i], s[0])
-        damping = 1e-4
-        for _ in range(MAX_STEPS):
-            a, b, c, g, h = 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(3):
-                r = p[i, k] - s[0, k]
-                a += s[1, k] * s[1, k]
-                b += s[1, k] * s[2, k]
-                c += s[2, k] * s[2, k]
-                g += s[1, k] * r
-                h += s[2, k] * r
-            # A coordinate that would leave the box is held.
-            hold_u = (at[0] <= box[0] and g <= 0.0) or (at[0] >= box[2] and g >= 0.0) or a == 0.0
-            hold_v = (at[1] <= box[1] and h <= 0.0) or (at[1] >= box[3] and h >= 0.0) or c == 0.0
-            if hold_u and hold_v:
-                break
-            a, c = a * (1.0 + damping), c * (1.0 + damping)
-            det = a * c - b * b
-            if hold_u or hold_v or det <= 1e-14 * a * c:
-                step[0] = 0.0 if hold_u else g / a
-                step[1] = 0.0 if hold_v else h / c
-            else:
-                step[0], step[1] = (c * g - b * h) / det, (a * h - b * g) / det
-            for k in range(2):
-                goal[k] = min(box[2 + k], max(box[k], at[k] + step[k]))
-            surface_point(surfaces, curves, values, rows[i], goal[0], goal[1], scratch, trial)
-            better = _offset2(p[i], trial[0])
-            if better < d2:
-                moved = _offset2(s[0], trial[0])
-                small = moved <= 1e-31 * _offset2(zero, s[0]) or d2 - better <= 1e-13 * d2
-                d2 = better
-                at[:] = goal
-                s[:] = trial
-                damping = max(1e-12, damping * SHRINK)
-                if small:
-                    break
-            else:
-                damping *= GROW
-                if damping > 1e9:
-                    break
-        uv[i, 0], uv[i, 1] = at[0], at[1]
-        distance[i] = np.sqrt(d2)
+@helper
+def _normal_equations(p, s):  # type: ignore[no-untyped-def]
+    """J^T J as (a, b; b, c) and J^T r as (g, h) for r = p - S."""
+    a, b, c, g, h = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        r = p[k] - s[0, k]
+        a += s[1, k] * s[1, k]
+        b += s[1, k] * s[2, k]
+        c += s[2, k] * s[2, k]
+        g += s[1, k] * r
+        h += s[2, k] * r
+    return a, b, c, g, h
 
 
 @helper
-def _on_segment(surfaces, curves, values, coedges, segment, row, share, work):  # type: ignore[no-untyped-def]
-    """Point of the exact boundary curve at ``share`` of a segment: uv in ``on[0]``, S in ``s[0]``, dS in ``along``."""
-    scratch, on, s, along = work
-    if segment.coedge >= 0:
-        t = segment.t0 + share * (segment.t1 - segment.t0)
-        curve_point(values, curves[coedges[segment.coedge].pcurve], t, scratch[0], on)
-        for j in range(2):
-            on[1, j] *= segment.t1 - segment.t0
-    else:
-        for j in range(2):
-            on[1, j] = segment.uv1[j] - segment.uv0[j]
-            on[0, j] = segment.uv0[j] + share * on[1, j]
-    surface_point(surfaces, curves, values, row, on[0, 0], on[0, 1], scratch, s)
+def _descend(tables, row, transform, box, p, at, work):  # type: ignore[no-untyped-def]
+    """Move ``at`` downhill to a local foot of ``p``, inside ``box``; returns the squared distance left."""
+    scratch, s, trial, goal = work
+    for k in range(2):
+        at[k] = min(box[2 + k], max(box[k], at[k]))
+    placed_point(tables, row, transform, at[0], at[1], scratch, s)
+    d2, damping = _offset2(p, s[0]), 1e-4
+    for _ in range(MAX_STEPS):
+        a, b, c, g, h = _normal_equations(p, s)
+        # A coordinate that would leave the box is held.
+        hold_u = (at[0] <= box[0] and g <= 0.0) or (at[0] >= box[2] and g >= 0.0) or a == 0.0
+        hold_v = (at[1] <= box[1] and h <= 0.0) or (at[1] >= box[3] and h >= 0.0) or c == 0.0
+        if hold_u and hold_v:
+            break
+        a, c = a * (1.0 + damping), c * (1.0 + damping)
+        det = a * c - b * b
+        if hold_u or hold_v or det <= 1e-14 * a * c:
+            step_u, step_v = (0.0 if hold_u else g / a), (0.0 if hold_v else h / c)
+        else:
+            step_u, step_v = (c * g - b * h) / det, (a * h - b * g) / det
+        goal[0] = min(box[2], max(box[0], at[0] + step_u))
+        goal[1] = min(box[3], max(box[1], at[1] + step_v))
+        placed_point(tables, row, transform, goal[0], goal[1], scratch, trial)
+        better = _offset2(p, trial[0])
+        if better >= d2:
+            damping *= GROW
+            if damping > 1e9:
+                break
+            continue
+        # What is left to gain, or what was moved, is rounding.
+        moved, size2 = _offset2(s[0], trial[0]), trial[0, 0] ** 2 + trial[0, 1] ** 2 + trial[0, 2] ** 2
+        small = d2 - better <= SETTLED * d2 or moved <= 1e-31 * size2
+        d2, at[0], at[1] = better, goal[0], goal[1]
+        s[:] = trial
+        damping = max(1e-12, damping * SHRINK)
+        if small:
+            break
+    return d2
+
+
+@helper
+def _slide(tables, coedges, segment, row, transform, p, best_uv, work):  # type: ignore[no-untyped-def]
+    """Squared distance of ``p`` to the exact boundary curve over one piece: the best of a few, then Gauss-Newton."""
+    scratch, s, _, _ = work
+    on = np.zeros((2, 3))
+    best, share, step = np.inf, 0.0, 0.0
+    for k in range(FIRST_SHARES + SLIDES):
+        # Step from the best point so far; after a bad step, only half as far.
+        trial = k / (FIRST_SHARES - 1) if k < FIRST_SHARES else min(1.0, max(0.0, share + step))
+        if k >= FIRST_SHARES and trial == share:
+            break
+        if segment.coedge >= 0:
+            t = segment.t0 + trial * (segment.t1 - segment.t0)
+            curve_point(tables[2], tables[1][coedges[segment.coedge].pcurve], t, scratch[0], on)
+            for j in range(2):
+                on[1, j] *= segment.t1 - segment.t0
+        else:
+            for j in range(2):
+                on[1, j] = segment.uv1[j] - segment.uv0[j]
+                on[0, j] = segment.uv0[j] + trial * on[1, j]
+        placed_point(tables, row, transform, on[0, 0], on[0, 1], scratch, s)
+        d2 = _offset2(p, s[0])
+        if d2 < best:
+            small = best - d2 <= SETTLED * best and k >= FIRST_SHARES
+            best, share = d2, trial
+            best_uv[0], best_uv[1] = on[0, 0], on[0, 1]
+            up, down = 0.0, 0.0
+            for j in range(3):
+                along = on[1, 0] * s[1, j] + on[1, 1] * s[2, j]
+                up += (p[j] - s[0, j]) * along
+                down += along * along
+            step = up / down if down > 0.0 else 0.0
+            if small:
+                break
+        elif k >= FIRST_SHARES:
+            step *= 0.5
+    return best
+
+
+@helper
+def _start_uv(p, t, positions, uv, at):  # type: ignore[no-untyped-def]
+    """Parameters at the foot of ``p`` on a rough triangle, by its barycentric coordinates."""
+    a, b, c = positions[t[0]], positions[t[1]], positions[t[2]]
+    aa, ab, bb, pa, pb = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
-        along[k] = on[1, 0] * s[1, k] + on[1, 1] * s[2, k]
+        x, y, z = b[k] - a[k], c[k] - a[k], p[k] - a[k]
+        aa, ab, bb = aa + x * x, ab + x * y, bb + y * y
+        pa, pb = pa + x * z, pb + y * z
+    det = aa * bb - ab * ab
+    beta, gamma = 1.0 / 3.0, 1.0 / 3.0
+    if det > 1e-12 * aa * bb:
+        beta = min(1.0, max(0.0, (bb * pa - ab * pb) / det))
+        gamma = min(1.0 - beta, max(0.0, (aa * pb - ab * pa) / det))
+    for k in range(2):
+        at[k] = uv[t[0], k] + beta * (uv[t[1], k] - uv[t[0], k]) + gamma * (uv[t[2], k] - uv[t[0], k])
 
 
 @kernel
-def _slide(surfaces, curves, values, coedges, segments, rows, at_segment, p, uv, distance):  # type: ignore[no-untyped-def]
-    """Foot of ``p`` on the exact boundary curve over one segment: the best of a few, then Gauss-Newton steps."""
-    on, s, along = np.zeros((2, 3)), np.empty((3, 3)), np.empty(3)
-    work = (np.empty((3, 2, MAX_DEGREE + 1)), on, s, along)
-    for i in range(len(rows)):
-        segment = segments[at_segment[i]]
-        best, share, step = np.inf, 0.0, 0.0
-        for k in range(FIRST_SHARES + SLIDES):
-            if k < FIRST_SHARES:
-                trial = k / (FIRST_SHARES - 1)
-            else:
-                # Step from the best point so far; after a bad step, only half as far.
-                trial = min(1.0, max(0.0, share + step))
-            _on_segment(surfaces, curves, values, coedges, segment, rows[i], trial, work)
-            d2 = _offset2(p[i], s[0])
-            if d2 < best:
-                best, share = d2, trial
-                uv[i, 0], uv[i, 1] = on[0, 0], on[0, 1]
-                up, down = 0.0, 0.0
-                for j in range(3):
-                    up += (p[i, j] - s[0, j]) * along[j]
-                    down += along[j] * along[j]
-                step = up / down if down > 0.0 else 0.0
-            elif k >= FIRST_SHARES:
-                step *= 0.5
-        distance[i] = np.sqrt(best)
+def _nearest(tables, pieces, cells, chords, p, start, candidates, found_uv, found_face, distance):  # type: ignore[no-untyped-def]
+    surfaces, curves, values, rows, transforms = tables
+    coedges, segments, bounds = pieces[2], pieces[3], pieces[4]
+    forest, positions, triangles, uv, leave = cells
+    chord_forest, chord_ends, chord_rows = chords
+    scratch, stack = np.empty((3, 2, MAX_DEGREE + 1)), np.empty((MAX_DEPTH + 2, 8))
+    work = (scratch, np.empty((3, 3)), np.empty((3, 3)), np.empty(2))
+    at = np.empty(2)
+    records = (surfaces, curves, values)
+    for i in range(len(p)):
+        best = np.inf
+        for j in range(start[i], start[i + 1]):
+            f = candidates[j]
+            # Inside: downhill from the nearest rough triangle.
+            d2, t = nearest_primitive(forest, positions, triangles, f, p[i])
+            if t >= 0 and np.sqrt(d2) - leave[t // 2] < best:
+                _start_uv(p[i], triangles[t], positions, uv, at)
+                d = np.sqrt(_descend(records, rows[f], transforms[f], bounds[f], p[i], at, work))
+                if d < best and is_inside(pieces, f, at[0], at[1], scratch[0], stack):
+                    best, found_face[i] = d, f
+                    found_uv[i, 0], found_uv[i, 1] = at[0], at[1]
+            # On the boundary: along the nearest piece.
+            d2, e = nearest_primitive(chord_forest, chord_ends, chord_rows, f, p[i])
+            if e >= 0 and np.sqrt(d2) - CAUTION * segments[e].deviation < best:
+                d = np.sqrt(_slide(records, coedges, segments[e], rows[f], transforms[f], p[i], at, work))
+                if d < best:
+                    best, found_face[i] = d, f
+                    found_uv[i, 0], found_uv[i, 1] = at[0], at[1]
+        distance[i] = best
 
 
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+@kernel
+def _search(tables, pieces, cells, chords, face, cell_range, segment_range, p, limit):  # type: ignore[no-untyped-def]
+    """Smallest distance of ``p`` to one face from every start within ``limit``; first inside, then on the boundary."""
+    surfaces, curves, values, rows, transforms = tables
+    coedges, segments, bounds = pieces[2], pieces[3], pieces[4]
+    _, positions, triangles, uv, leave = cells
+    _, chord_ends, chord_rows = chords
+    scratch, stack = np.empty((3, 2, MAX_DEGREE + 1)), np.empty((MAX_DEPTH + 2, 8))
+    work = (scratch, np.empty((3, 3)), np.empty((3, 3)), np.empty(2))
+    at = np.empty(2)
+    records = (surfaces, curves, values)
+    inner, outer = np.inf, np.inf
+    for c in range(cell_range[0], cell_range[1]):
+        for t in range(2 * c, 2 * c + 2):
+            i, j, k = triangles[t]
+            if np.sqrt(triangle_distance2(p, positions[i], positions[j], positions[k])) - leave[c] > limit:
+                continue
+            _start_uv(p, triangles[t], positions, uv, at)
+            d = np.sqrt(_descend(records, rows[face], transforms[face], bounds[face], p, at, work))
+            if d < inner and is_inside(pieces, face, at[0], at[1], scratch[0], stack):
+                inner = d
+    for e in range(segment_range[0], segment_range[1]):
+        i, j, k = chord_rows[e]
+        away = np.sqrt(triangle_distance2(p, chord_ends[i], chord_ends[j], chord_ends[k]))
+        if away - CAUTION * segments[e].deviation > limit:
+            continue
+        d = np.sqrt(_slide(records, coedges, segments[e], rows[face], transforms[face], p, at, work))
+        outer = min(outer, d)
+    return inner, outer
 
 
 class FootFinder:
@@ -142,99 +220,42 @@ class FootFinder:
 
     Args:
         region: the faces.
-        samples: points of the faces, as seeds; in ascending order of face.
     """
 
-    def __init__(self, region: TrimRegion, samples: SampleSet) -> None:
-        self.region, self.samples = region, samples
-        n = len(region.faces)
-        self._seeds = ClosestPrimitive(
-            samples.points, np.repeat(np.arange(len(samples))[:, None], 3, 1), samples.face, n
-        )
-        segments = region.segments
+    def __init__(self, region: TrimRegion) -> None:
+        self.region, n = region, len(region)
+        self.cells = face_cells(region)
+        rough = ClosestPrimitive(self.cells.positions, self.cells.triangles, self.cells.face, n)
         of = np.repeat(np.arange(n), np.diff(region.start))
-        rows = region.faces[of]
-        ends = [points(region.geometry, rows, segments[name]) for name in ("uv0", "uv1")]
-        m = len(segments)
-        chords = np.stack([np.arange(m), np.arange(m) + m, np.arange(m) + m], 1)
-        self._chords = ClosestPrimitive(np.concatenate(ends), chords, of, n)
+        ends = [region.placed.points(of, region.segments[name]) for name in ("uv0", "uv1")]
+        m = np.arange(len(of))
+        chords = ClosestPrimitive(np.concatenate(ends), np.stack([m, m + len(m), m + len(m)], 1), of, n)
+        self._cells = (rough.forest, rough.positions, rough.primitives, self.cells.uv, self.cells.leave)
+        self._chords = (chords.forest, chords.positions, chords.primitives)
 
-    def descend(self, face: Indices, p: Floats, seed_uv: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
-        """Local feet from the seeds: their (n, 2) parameters, the distances, and whether each is inside its face."""
-        g = self.region.geometry
-        uv, distance = np.array(seed_uv, float), np.empty(len(face))
-        tables = (g.surfaces, g.curves, g.values, self.region.faces[face], self.region.bounds[face])
-        _descend(*tables, np.ascontiguousarray(p), uv, distance)
-        return uv, distance, self.region.contains(face, uv)
-
-    def on_boundary(self, face: Indices, p: Floats) -> tuple[Floats, Floats]:
-        """Feet on the boundary curves: (n, 2) parameters and distances; the nearest segment is searched."""
-        g = self.region.geometry
-        _, segment = self._chords.query(p, face)
-        uv, distance = np.full((len(face), 2), np.nan), np.full(len(face), np.inf)
-        some = np.flatnonzero(segment >= 0)
-        found_uv, found = np.empty((len(some), 2)), np.empty(len(some))
-        tables = (g.surfaces, g.curves, g.values, g.coedges, self.region.segments, self.region.faces[face[some]])
-        _slide(*tables, segment[some], np.ascontiguousarray(p[some]), found_uv, found)
-        uv[some], distance[some] = found_uv, found
-        return uv, distance
-
-    def find(self, face: Indices, p: Floats, hint_uv: Floats | None, limit: Floats) -> tuple[Floats, Floats]:
-        """Feet of (n, 3) points on their faces: (n, 2) parameters and distances (upper bounds of the true ones).
+    def nearest(self, p: Floats, start: Indices, candidates: Indices) -> tuple[Indices, Floats, Floats]:
+        """The nearest feet found, two tries a candidate.
 
         Args:
-            face: (n,) indices into the region's faces.
-            p: (n, 3), mm.
-            hint_uv: (n, 2) where to begin, or None; the nearest sample is tried whenever it is nearer.
-            limit: (n,) mm; only points that seem farther than this cost a search from more seeds.
+            p: (n, 3) mm.
+            start: (n + 1,) offsets of each point's candidates.
+            candidates: indices of faces.
+
+        Returns:
+            face (n,), -1 where there is no candidate; (n, 2) parameters; (n,) distances in mm, upper bounds of the
+            true ones, inf where there is no candidate.
         """
-        rows = self.region.faces[face]
-        distance, nearest = self._seeds.query(p, face)
-        uv = self.samples.uv[np.maximum(nearest, 0)]
-        if hint_uv is not None:
-            hinted = np.linalg.norm(points(self.region.geometry, rows, hint_uv) - p, axis=1)
-            uv = np.where((hinted < distance)[:, None], hint_uv, uv)
-        best_uv, best = self.samples.uv[np.maximum(nearest, 0)].copy(), distance
-        self._improve(face, p, uv, best_uv, best)
-        edge = np.flatnonzero(best > 0.0)
-        edge_uv, at_edge = self.on_boundary(face[edge], p[edge])
-        nearer = at_edge < best[edge]
-        best[edge[nearer]], best_uv[edge[nearer]] = at_edge[nearer], edge_uv[nearer]
-        far = np.flatnonzero(best > limit)
-        seeds = [self._at_seam(face[far], best_uv[far], at_end) for at_end in (False, True)]
-        seeds += self._more_seeds(face[far], p[far])
-        for seed in seeds:
-            sub_uv, sub = best_uv[far], best[far]
-            self._improve(face[far], p[far], seed, sub_uv, sub)
-            best_uv[far], best[far] = sub_uv, sub
-        return best_uv, best
+        n = len(p)
+        face, uv, distance = np.full(n, -1), np.full((n, 2), np.nan), np.empty(n)
+        lists = (np.ascontiguousarray(p, float), np.asarray(start, np.int64), np.asarray(candidates, np.int64))
+        _nearest(self.region.placed.tables, self.region.pieces, self._cells, self._chords, *lists, uv, face, distance)
+        return face, uv, distance
 
-    def _at_seam(self, face: Indices, uv: Floats, at_end: bool) -> Floats:
-        """Parameters moved to the start or the end of what is periodic: a search does not cross a seam by itself."""
-        surfaces = self.region.geometry.surfaces[self.region.faces[face]]
-        other = uv.copy()
-        for k, (low, high, period) in enumerate((("u0", "u1", "u_period"), ("v0", "v1", "v_period"))):
-            side = surfaces[high if at_end else low]
-            other[:, k] = np.where(surfaces[period] > 0.0, side, uv[:, k])
-        return other
-
-    def _improve(self, face: Indices, p: Floats, seed: Floats, best_uv: Floats, best: Floats) -> None:
-        uv, d, inside = self.descend(face, p, seed)
-        better = inside & (d < best)
-        best_uv[better], best[better] = uv[better], d[better]
-
-    def _more_seeds(self, face: Indices, p: Floats, n: int = 12) -> list[Floats]:
-        """``n`` further seeds for every point: near samples of its face, then ever farther ones."""
-        seeds = np.empty((n, len(face), 2))
-        start = np.searchsorted(self.samples.face, np.arange(len(self.region.faces) + 1))
-        for i, f in enumerate(face):
-            own = slice(start[f], start[f + 1])
-            order = np.argsort(((self.samples.points[own] - p[i]) ** 2).sum(1))
-            if len(order) == 0:
-                seeds[:, i] = self.region.bounds[f, :2]
-                continue
-            ranks = np.minimum(
-                np.concatenate([np.arange(1, n // 2 + 1), 2 ** np.arange(3, 3 + n - n // 2)]), len(order) - 1
-            )
-            seeds[:, i] = self.samples.uv[own][order[ranks]]
-        return list(seeds)
+    def search(self, p: Floats, face: int, limit: float) -> tuple[float, float]:
+        """Distances (mm) of a point to a face, by all starts within ``limit``, and to its boundary or ``limit``."""
+        cells, region = self.cells, self.region
+        inner, outer = _search(
+            region.placed.tables, region.pieces, self._cells, self._chords, face,
+            cells.cell_start[face : face + 2], region.start[face : face + 2], p, limit,
+        )  # fmt: skip
+        return min(inner, outer), min(outer, limit)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from nurbs_cache.errors import CorruptRecordError, MissingRecordError
+from nurbs_cache.keys import parse_surface_key
 from nurbs_cache.scene_record import PartInfo
 from nurbs_cache.surface_record import GeometryBatch
-from nurbs_cache.tile import decode_tile
-from nurbs_ooc.measure.attack_tile import DrawnTile, PlacedSurfaces, TileFinding, attack_tile
-from nurbs_ooc.measure.sampled_part import SampledParts
+from nurbs_cache.tile import decode_tile, tile_counts, tile_hash
+from nurbs_ooc.measure.attack_plan import DEFAULT_SAMPLES, TileSize, efforts
+from nurbs_ooc.measure.attack_tile import attack_tile
+from nurbs_ooc.measure.check_tree import check_tree, node_name
+from nurbs_ooc.measure.part_source import PartSource
+from nurbs_ooc.measure.tile_task import DrawnTile, Effort, PlacedSurfaces, TileFinding, TileTask
 from nurbs_ooc.measure.violation import Violation
 
-REGION_SHARE = 0.02  # of the smallest promise on a part: how straight its boundary segments are
-COARSEST = 1.0  # mm, for parts that no tile shows
-BOX_SLACK = 1e-9  # of a box's size and place: what rounding may leave outside
 SHOWN = 10  # rows of the table of worst ratios
+PER_TILE = ("lost", "damaged", "below its ledger")  # what every job of a tile finds
 
 Rows = npt.NDArray[np.void]
 
@@ -45,6 +49,9 @@ class VerifiedStore(Protocol):
     def get_tile(self, tile_hash: str) -> bytes:
         """Bytes of a tile."""
 
+    def scan_keys(self, table: str) -> Iterator[bytes]:
+        """Keys of a table."""
+
     def get_lods(self, surface_id: int) -> Rows:
         """Levels of detail of a surface."""
 
@@ -53,19 +60,43 @@ class VerifiedStore(Protocol):
 
 
 @dataclass(frozen=True)
+class _Tile:
+    """One stored tile and what it promises."""
+
+    where: str
+    row: int  # of the node, or the surface's id
+    level: int
+    name: str  # its hash
+    error: float  # mm
+    size: TileSize
+    items: slice | None  # of the node, None for a level of detail
+
+
+@dataclass
 class Measured:
     """One tile's outcome, mm."""
 
     where: str
     level: int
-    surface_to_tile: float
-    tile_to_surface: float
     certified: float
+    surface_to_tile: float = 0.0
+    tile_to_surface: float = 0.0
 
     @property
     def ratio(self) -> float:
         """Measured over certified."""
         return max(self.surface_to_tile, self.tile_to_surface) / self.certified if self.certified > 0 else 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The numbers as a report has them."""
+        return {
+            "where": self.where,
+            "level": self.level,
+            "surface_to_tile_mm": self.surface_to_tile,
+            "tile_to_surface_mm": self.tile_to_surface,
+            "certified_mm": self.certified,
+            "ratio": self.ratio,
+        }
 
 
 @dataclass(eq=False)
@@ -75,7 +106,8 @@ class CacheReport:
     Attributes:
         nodes, lods: tiles attacked; unbuilt: nodes that have no tile yet.
         samples: distances measured.
-        skipped_surfaces: placed surfaces that nobody can evaluate, over all tiles.
+        sampled_surfaces: pairs of a tile and a surface that were sampled; placed_surfaces: how many there are.
+        skipped_surfaces: pairs whose surface nobody can evaluate.
         undecided: drawn points that seemed too far without a proof.
         measured: every tile.
         violations: empty if every promise held.
@@ -85,6 +117,8 @@ class CacheReport:
     lods: int = 0
     unbuilt: int = 0
     samples: int = 0
+    sampled_surfaces: int = 0
+    placed_surfaces: int = 0
     skipped_surfaces: int = 0
     undecided: int = 0
     measured: list[Measured] = field(default_factory=list)
@@ -102,137 +136,132 @@ class CacheReport:
             "lods": self.lods,
             "nodes_without_tile": self.unbuilt,
             "samples": self.samples,
+            "sampled_surfaces": self.sampled_surfaces,
+            "placed_surfaces": self.placed_surfaces,
             "skipped_surfaces": self.skipped_surfaces,
             "undecided": self.undecided,
             "worst_measured_over_certified": worst[0].ratio if worst else 0.0,
-            "worst": [
-                {
-                    "where": m.where,
-                    "level": m.level,
-                    "surface_to_tile_mm": m.surface_to_tile,
-                    "tile_to_surface_mm": m.tile_to_surface,
-                    "certified_mm": m.certified,
-                    "ratio": m.ratio,
-                }
-                for m in worst
-            ],
+            "worst": [m.as_json() for m in worst],
             "violations": [v.as_json() for v in self.violations],
         }
 
 
-def verify_cache(
-    store: VerifiedStore, samples: int = 64, seed: int = 0, advance: Callable[[int], None] | None = None
-) -> CacheReport:
-    """Attack all tiles of a store.
+class CacheAttack:
+    """An attack that is planned when this is made and carried out by ``run``.
 
     Args:
         store: LMDB or in memory.
-        samples: per placed surface and tile, before climbing.
-        seed: the same seed finds the same.
-        advance: called with 1 after every node and every surface; there are ``n_steps(store)``.
+        samples: points measured before climbing, over all tiles; see ``attack_plan``.
+        seed: the same seed finds the same, whatever the number of workers.
+        workers: threads.
     """
-    return _CacheAttack(store, samples, seed, advance or (lambda _: None)).run()
 
+    def __init__(self, store: VerifiedStore, samples: int = DEFAULT_SAMPLES, seed: int = 0, workers: int = 1) -> None:
+        self._store, self._workers = store, workers
+        self._nodes, self._items, self._occurrences = store.get_nodes(), store.get_items(), store.get_occurrences()
+        self._infos = store.part_infos()
+        self._first_surface = np.array([info.first_surface for info in self._infos], np.int64)
+        self._parts = PartSource(store)
+        self._tiles = [*self._node_tiles(), *self._lod_tiles()]
+        self._efforts = efforts([tile.size for tile in self._tiles], samples, seed)
 
-def n_steps(store: VerifiedStore) -> int:
-    """How often ``verify_cache`` will call ``advance``."""
-    return len(store.get_nodes()) + sum(info.n_surfaces for info in store.part_infos())
+    @property
+    def n_jobs(self) -> int:
+        """How often ``run`` will call ``advance``."""
+        return sum(map(len, self._efforts))
 
+    def run(self, advance: Callable[[int], None] = lambda _: None) -> CacheReport:
+        """Attack everything; ``advance`` is called with 1 after every job."""
+        report = CacheReport(violations=check_tree(self._nodes, self._items, self._occurrences, self._infos))
+        report.nodes = sum(tile.items is not None for tile in self._tiles)
+        report.lods = len(self._tiles) - report.nodes
+        report.unbuilt = len(self._nodes) - report.nodes
+        report.placed_surfaces = sum(tile.size.surfaces for tile in self._tiles)
+        jobs = [(tile, effort) for tile, own in zip(self._tiles, self._efforts, strict=True) for effort in own]
+        pool = ThreadPoolExecutor(self._workers)
+        try:
+            for (tile, effort), found in zip(jobs, pool.map(lambda job: self._attack(*job), jobs), strict=True):
+                _count(report, tile, effort, found)
+                advance(1)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)  # jobs are short, and they read the store
+        return report
 
-class _CacheAttack:
-    def __init__(self, store: VerifiedStore, samples: int, seed: int, advance: Callable[[int], None]) -> None:
-        self.store, self.seed, self.advance = store, seed, advance
-        self.nodes, self.items, self.occurrences = store.get_nodes(), store.get_items(), store.get_occurrences()
-        self.infos = store.part_infos()
-        self.first_surface = np.array([info.first_surface for info in self.infos], np.int64)
-        self.item_part = self.occurrences["part"][self.items["occurrence"]].astype(np.int64)
-        self.item_row = self.items["surface"].astype(np.int64) - self.first_surface[self.item_part]
-        self.parts = SampledParts(store, self._tolerances(), samples, seed)
-        self.report = CacheReport()
+    def _node_tiles(self) -> Iterator[_Tile]:
+        for row in np.flatnonzero(self._nodes["tile_hash"] != b"").tolist():
+            n = self._nodes[row]
+            own = slice(int(n["first_item"]), int(n["first_item"] + n["n_items"]))
+            name, error = bytes(n["tile_hash"]).decode(), float(n["geometric_error"])
+            size = TileSize(int(n["n_items"]), self._n_primitives(name))
+            yield _Tile(node_name(self._nodes, row), row, int(n["level"]), name, error, size, own)
 
-    def run(self) -> CacheReport:
-        for row in range(len(self.nodes)):
-            self._node(row)
-            self.advance(1)
-        for part, info in enumerate(self.infos):
-            for row in range(info.n_surfaces):
-                self._lods(part, row, info.first_surface + row)
-                self.advance(1)
-        return self.report
+    def _lod_tiles(self) -> Iterator[_Tile]:
+        for surface in map(parse_surface_key, self._store.scan_keys("lods")):
+            for lod in self._store.get_lods(surface):
+                where, name = f"surface {surface} level {lod['level']}", bytes(lod["tile_hash"]).decode()
+                size = TileSize(1, self._n_primitives(name))
+                yield _Tile(where, surface, int(lod["level"]), name, float(lod["geometric_error"]), size, None)
 
-    def _tolerances(self) -> npt.NDArray[np.float64]:
-        """Per part, a share of the smallest error that any tile promises on it, in its own space."""
-        smallest = np.full(len(self.infos), np.inf)
-        for node in self.nodes[self.nodes["tile_hash"] != b""]:
-            own = slice(node["first_item"], node["first_item"] + node["n_items"])
-            scale = np.maximum(self.items["scale"][own], 1e-12)
-            np.minimum.at(smallest, self.item_part[own], node["geometric_error"] / scale)
-        for part, info in enumerate(self.infos):
-            for row in range(info.n_surfaces):
-                lods = self.store.get_lods(info.first_surface + row)
-                smallest[part] = min(smallest[part], lods["geometric_error"].min(initial=np.inf))
-        smallest = np.where(np.isfinite(smallest), smallest, COARSEST)
-        tolerances: npt.NDArray[np.float64] = REGION_SHARE * np.maximum(smallest, 1e-9)
-        return tolerances
+    def _n_primitives(self, name: str) -> int:
+        """From the tile itself, whatever tables say; 0 if it is damaged, which its job will report."""
+        try:
+            return sum(tile_counts(self._store.get_tile(name))[1:])
+        except (CorruptRecordError, MissingRecordError):
+            return 0
 
-    def _node(self, row: int) -> None:
-        node = self.nodes[row]
-        where = f"node {row} {bytes(node['key']).decode()}"
-        error = float(node["geometric_error"])
-        parent = int(node["parent"])
-        if parent >= 0 and error > float(self.nodes["geometric_error"][parent]):
-            over = float(self.nodes["geometric_error"][parent])
-            self.report.violations.append(Violation(where, row, "below a child", error, over))
-        if not node["tile_hash"]:
-            self.report.unbuilt += 1
-            return
-        own = np.arange(node["first_item"], node["first_item"] + node["n_items"])
-        transform = self.occurrences["transform"][self.items["occurrence"][own]]
-        placed = PlacedSurfaces(self.item_part[own], self.item_row[own], transform)
-        self._check_box(where, row, placed)
-        self._tile(where, row, int(node["level"]), bytes(node["tile_hash"]).decode(), placed, error)
-        self.report.nodes += 1
+    def _placed(self, tile: _Tile) -> PlacedSurfaces:
+        if tile.items is None:
+            part, row = self._store.locate_surface(tile.row)
+            everywhere = np.array([[-np.inf] * 3 + [np.inf] * 3])
+            return PlacedSurfaces(np.array([part]), np.array([row]), np.eye(3, 4)[None], everywhere)
+        own = self._items[tile.items]
+        occurrence = self._occurrences[own["occurrence"]]
+        part = occurrence["part"].astype(np.int64)
+        row = own["surface"].astype(np.int64) - self._first_surface[part]
+        boxes = np.concatenate([own["aabb_min"], own["aabb_max"]], 1)
+        return PlacedSurfaces(part, row, np.ascontiguousarray(occurrence["transform"]), boxes)
 
-    def _lods(self, part: int, row: int, surface: int) -> None:
-        for lod in self.store.get_lods(surface):
-            identity = np.eye(3, 4)[None]
-            placed = PlacedSurfaces(np.array([part]), np.array([row]), identity)
-            where, name = f"surface {surface} level {lod['level']}", bytes(lod["tile_hash"]).decode()
-            self._tile(where, surface, int(lod["level"]), name, placed, float(lod["geometric_error"]))
-            self.report.lods += 1
-
-    def _tile(self, where: str, row: int, level: int, name: str, placed: PlacedSurfaces, error: float) -> None:
-        decoded = decode_tile(self.store.get_tile(name))
-        if decoded.ledger.total > error:
-            self.report.violations.append(Violation(where, row, "below its ledger", decoded.ledger.total, error))
-        tile = DrawnTile(
+    def _attack(self, tile: _Tile, effort: Effort) -> TileFinding:
+        """One job, in any thread."""
+        try:
+            data = self._store.get_tile(tile.name)
+            decoded = decode_tile(data)
+            if tile_hash(data) != tile.name:
+                raise CorruptRecordError("the tile is not the one its name says")
+        except (CorruptRecordError, MissingRecordError) as error:
+            return TileFinding(violations=[Violation(f"{tile.where}: {error}", tile.row, "damaged")])
+        drawn = DrawnTile(
             np.asarray(decoded.origin, float) + np.asarray(decoded.positions, float),
             np.asarray(decoded.triangles, np.int64).reshape(-1, 3),
             np.asarray(decoded.lines, np.int64).reshape(-1, 2),
             np.asarray(decoded.points, np.int64).ravel(),
         )
-        self._count(attack_tile(self.parts, placed, tile, error, where, row, self.seed), where, level, error)
+        box = None
+        if tile.items is not None:
+            node = self._nodes[tile.row]
+            box = np.concatenate([node["aabb_min"], node["aabb_max"]])
+        task = TileTask(self._parts, self._placed(tile), drawn, tile.error, tile.where, tile.row)
+        found = attack_tile(task, effort, box)
+        if decoded.ledger.total > tile.error:
+            task.broken("below its ledger", decoded.ledger.total)
+        return found
 
-    def _count(self, found: TileFinding, where: str, level: int, error: float) -> None:
-        report = self.report
-        report.samples += found.n_samples
-        report.skipped_surfaces += found.skipped_surfaces
-        report.undecided += found.undecided
-        report.violations.extend(found.violations)
-        report.measured.append(Measured(where, level, found.surface_to_tile, found.tile_to_surface, error))
 
-    def _check_box(self, where: str, row: int, placed: PlacedSurfaces) -> None:
-        """Samples of the surfaces a node holds itself must lie in its box (the others are in its children's)."""
-        node = self.nodes[row]
-        low, high = node["aabb_min"], node["aabb_max"]
-        slack = BOX_SLACK * float(np.maximum(np.abs(low), np.abs(high)).max())
-        for i in range(min(len(placed), int(node["n_direct"]))):
-            sampled = self.parts[int(placed.part[i])]
-            face = sampled.face_of_row[placed.row[i]]
-            own = (
-                sampled.samples.points[sampled.first[face] : sampled.first[face + 1]] if face >= 0 else np.empty((0, 3))
-            )
-            p = own @ placed.transform[i][:, :3].T + placed.transform[i][:, 3]
-            out = np.maximum(low - p, p - high).max(initial=0.0)
-            if out > slack:
-                self.report.violations.append(Violation(where, row, "out of its box", float(out), 0.0))
+def _count(report: CacheReport, tile: _Tile, effort: Effort, found: TileFinding) -> None:
+    """Add a job's outcome; jobs of one tile come one after the other, and say what they have in common once."""
+    if not report.measured or report.measured[-1].where != tile.where:
+        report.measured.append(Measured(tile.where, tile.level, tile.error))
+    measured = report.measured[-1]
+    measured.surface_to_tile = max(measured.surface_to_tile, found.surface_to_tile)
+    measured.tile_to_surface = max(measured.tile_to_surface, found.tile_to_surface)
+    report.samples += found.n_samples
+    report.sampled_surfaces += len(effort.surfaces)
+    report.skipped_surfaces += found.skipped_surfaces
+    report.undecided += found.undecided
+    known = {(v.where, v.kind) for v in report.violations if v.row == tile.row}
+    report.violations.extend(v for v in found.violations if v.kind not in PER_TILE or (v.where, v.kind) not in known)
+
+
+def verify_cache(store: VerifiedStore, samples: int = DEFAULT_SAMPLES, seed: int = 0, workers: int = 1) -> CacheReport:
+    """Attack all tiles of a store in one call; arguments as for ``CacheAttack``."""
+    return CacheAttack(store, samples, seed, workers).run()

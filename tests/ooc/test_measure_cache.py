@@ -12,9 +12,10 @@ from nurbs_cache.ledger import Ledger
 from nurbs_cache.memory_store import MemoryStore
 from nurbs_cache.node_record import ITEM_DTYPE, LOD_DTYPE, NODE_DTYPE
 from nurbs_cache.scene_record import DEFAULT_MATERIAL, OCCURRENCE_DTYPE, PartInfo, Product
+from nurbs_cache.surface_record import FaceReason
 from nurbs_cache.tile import TileContent, encode_tile, tile_hash
 from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.measure.verify_cache import CacheReport, n_steps, verify_cache
+from nurbs_ooc.measure.verify_cache import CacheAttack, CacheReport, verify_cache
 from tests.ooc.measure_shapes import octasphere, sagitta, sphere
 
 RADIUS = 10.0
@@ -87,16 +88,19 @@ def _kinds(report: CacheReport) -> set[str]:
 def test_an_honest_cache_passes() -> None:
     store = _store()
     steps: list[int] = []
-    report = verify_cache(store, samples=300, advance=steps.append)
+    attack = CacheAttack(store, samples=2000)
+    report = attack.run(steps.append)
     assert report.violations == []
     assert (report.nodes, report.lods, report.undecided) == (1, 1, 0)
-    assert sum(steps) == n_steps(store) == 2
+    assert (report.sampled_surfaces, report.placed_surfaces, report.skipped_surfaces) == (3, 3, 0)
+    assert report.samples >= 2000
+    assert sum(steps) == attack.n_jobs == 2
     assert 0.95 < report.worst()[0].ratio <= 1.0
     json.dumps(report.as_json(), allow_nan=False)
 
 
 def test_a_promise_two_percent_too_small_is_broken() -> None:
-    assert _kinds(verify_cache(_store(promise=0.98), samples=600)) >= {"surface to mesh", "below its ledger"}
+    assert _kinds(verify_cache(_store(promise=0.98), samples=5000)) >= {"surface to mesh", "below its ledger"}
 
 
 def _moved(content: TileContent) -> TileContent:
@@ -132,13 +136,13 @@ def _a_stray_line(content: TileContent) -> TileContent:
     ],
 )
 def test_planted_faults_in_a_node_are_found(spoil: Callable[[TileContent], TileContent], kind: str) -> None:
-    report = verify_cache(_store(spoil), samples=200)
+    report = verify_cache(_store(spoil), samples=10_000)
     assert kind in _kinds(report)
     assert all(v.where.startswith("node 0 0") for v in report.violations)
 
 
 def test_planted_fault_in_a_level_of_detail_is_found() -> None:
-    report = verify_cache(_store(_moved, promise=100.0, spoil_lod=True), samples=200)
+    report = verify_cache(_store(_moved, promise=100.0, spoil_lod=True), samples=2000)
     assert report.violations
     assert all(v.where.startswith("surface 0 level -3") for v in report.violations)
 
@@ -150,7 +154,7 @@ def test_points_and_lines_stand_for_surfaces_too() -> None:
             content.positions, content.normals, content.triangles[:0], content.lines, every, Ledger(cluster=4.0)
         )
 
-    report = verify_cache(_store(as_points), samples=200)
+    report = verify_cache(_store(as_points), samples=2000)
     assert report.violations == []
 
 
@@ -160,4 +164,72 @@ def test_boxes_and_the_order_of_errors_are_checked() -> None:
     nodes[1]["key"], nodes[1]["parent"], nodes[1]["geometric_error"] = b"0-1", 0, nodes[0]["geometric_error"] * 2
     nodes[0]["aabb_max"] -= [1.0, 0, 0]
     store.put_tree(nodes, store.get_items(), {})
-    assert _kinds(verify_cache(store, samples=100)) == {"below a child", "out of its box"}
+    kinds = _kinds(verify_cache(store, samples=1000))
+    assert kinds == {"below a child", "out of its box", "out of its parent", "twice"}  # both nodes hold the spheres
+
+
+def test_a_surface_outside_its_own_box_is_found() -> None:
+    store = _store()
+    items = store.get_items()
+    items["aabb_max"][1, 2] -= 0.5
+    store.put_tree(store.get_nodes(), items, {})
+    assert "out of the box of the surface" in _kinds(verify_cache(store, samples=1000))
+
+
+def _with_items(store: MemoryStore, rows: list[int]) -> MemoryStore:
+    nodes, items = store.get_nodes(), store.get_items()[rows]
+    nodes["n_items"] = nodes["n_direct"] = len(rows)
+    store.put_tree(nodes, items, {})
+    return store
+
+
+@pytest.mark.parametrize(("rows", "kind"), [([0], "lost"), ([0, 1, 1], "twice")])
+def test_a_surface_that_is_nowhere_or_twice_is_found(rows: list[int], kind: str) -> None:
+    violations = verify_cache(_with_items(_store(), rows), samples=1000).violations
+    assert [(v.kind, v.where) for v in violations if v.kind in ("lost", "twice")] == [
+        (kind, "occurrence 1, part 0 face 0")
+    ]
+
+
+def test_a_damaged_tile_is_named_and_the_others_are_attacked() -> None:
+    store = _store()
+    name = bytes(store.get_nodes()["tile_hash"][0]).decode()
+    other = bytes(store.get_lods(0)["tile_hash"][0]).decode()
+    data = bytearray(store.get_tile(name))
+    data[100] ^= 1
+    store.put_tiles([(name, bytes(data))])
+    report = verify_cache(store, samples=1000)
+    assert [(v.kind, v.row) for v in report.violations] == [("damaged", 0)]
+    assert report.measured[1].ratio > 0.5
+    store.put_tiles([(name, store.get_tile(other))])  # whole, but not what the name says
+    assert _kinds(verify_cache(store, samples=1000)) == {"damaged"}
+
+
+def test_a_lost_tile_is_named() -> None:
+    store = _store()
+    nodes = store.get_nodes()
+    nodes["tile_hash"] = b"0" * 32
+    store.put_tree(nodes, store.get_items(), {})
+    assert _kinds(verify_cache(store, samples=1000)) == {"damaged"}
+
+
+def test_the_number_of_workers_changes_nothing() -> None:
+    one, two = (verify_cache(_store(promise=0.9), samples=200_000, workers=n).as_json() for n in (1, 2))
+    assert one == two
+    assert one["violations"]
+
+
+def test_a_small_budget_still_reaches_every_tile() -> None:
+    report = verify_cache(_store(_one_ball_lost), samples=1)
+    assert [m.ratio > 0.0 for m in report.measured] == [True, True]
+    assert report.samples < 3000
+
+
+def test_what_nobody_can_evaluate_is_counted_not_judged() -> None:
+    store = _store()
+    geometry = store.get_part(0)
+    geometry.surfaces["reason"] = FaceReason.NOT_FINITE
+    store.put_parts([(0, PartInfo("ball", 1, 0), geometry)])
+    report = verify_cache(store, samples=1000)
+    assert report.violations == []
+    assert report.skipped_surfaces == report.placed_surfaces == 3

@@ -40,6 +40,17 @@ def test_area_of_samples_is_the_area_of_the_face() -> None:
     assert region.contains(0, uv).mean() * 100 == pytest.approx(100 - 9 * math.pi, rel=5e-3)
 
 
+@pytest.mark.parametrize("tolerance", [10.0, 1e-2])
+def test_inside_is_exact_however_coarse_the_pieces(tolerance: float) -> None:
+    region = TrimRegion(_plate_with_hole(), [0], tolerance)
+    assert len(region.segments) < 100
+    angle = np.random.default_rng(4).random(4000) * TAU
+    ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    for step in (1e-1, 1e-6, 1e-11, 1e-14):
+        assert not region.contains(0, 5 + (3 - step) * ring).any()
+        assert region.contains(0, 5 + (3 + step) * ring).all()
+
+
 def test_boundary_samples_lie_on_the_exact_curves() -> None:
     g = _plate_with_hole()
     samples = sample_faces(TrimRegion(g, [0], 1e-2), 400, seed=1)
@@ -83,6 +94,24 @@ def test_a_needle_still_gets_samples() -> None:
     shape.analytic(SurfaceKind.PLANE, (0, 10, 0, 11))
     samples = sample_faces(TrimRegion(shape.batch(), [0], 1e-5), 100, seed=0)
     assert samples.on_boundary.sum() >= 25
+
+
+def test_rounding_in_the_corners_does_not_leak() -> None:
+    """Corners that miss one another by 1e-14 along a side of height 1e-18: rays pass exactly through them."""
+    low, lower = -7.819796425209045e-18, -7.819796425207224e-18
+    lines = [
+        ([1.0, 1.28e-14], [1.4, 0.7]),
+        ([1.4, 0.7], [-1.4, 0.7]),
+        ([-1.4, 0.7], [-1.0, 3.75e-14]),
+        ([-1.0, lower], [1.0, low]),
+    ]
+    shape = Shape()
+    shape.loop([shape.curve(list(line), 1, [0, 0, 1, 1], 2) for line in lines])
+    shape.analytic(SurfaceKind.PLANE, (-1.4, 1.4, low, 0.7))
+    region = TrimRegion(shape.batch(), [0], 1e-5)
+    outside = [[-1.4, low], [-1.4, lower], [-1.4, 0.0], [1.4, low], [-1.2, 1e-15]]
+    assert not region.contains(0, outside).any()
+    assert region.contains(0, [[0.0, 1e-13], [0.0, 0.3]]).all()
 
 
 def test_a_gap_in_a_loop_is_closed_straight() -> None:

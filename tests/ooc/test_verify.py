@@ -21,7 +21,9 @@ def _on_disk(path: Path, promise: float) -> Path:
 
 def test_an_honest_cache_exits_0(tmp_path: Path) -> None:
     path = _on_disk(tmp_path / "c", 1.0)
-    result = CliRunner().invoke(command, [str(path), "--samples", "50", "--json", "--report", str(tmp_path / "r.json")])
+    result = CliRunner().invoke(
+        command, [str(path), "--samples", "1000", "--json", "--report", str(tmp_path / "r.json")]
+    )
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert found["violations"] == []
@@ -31,7 +33,7 @@ def test_an_honest_cache_exits_0(tmp_path: Path) -> None:
 
 def test_a_broken_promise_exits_1_and_is_named(tmp_path: Path) -> None:
     path = _on_disk(tmp_path / "c", 0.9)
-    result = CliRunner().invoke(command, [str(path), "--samples", "200"])
+    result = CliRunner().invoke(command, [str(path), "--samples", "2000"])
     assert result.exit_code == 1
     assert "node 0 0" in result.stderr
     assert "promised" in result.stderr
