@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 
 LEAF = 4  # boxes a leaf: measuring four triangles costs about as much as two more boxes
 STACK = 128  # twice the depth of a halving tree over 2**60 boxes
@@ -35,8 +35,8 @@ class BoxForest(NamedTuple):
     roots: npt.NDArray[np.int64]
 
 
-@helper
-def box_distance2(p, box):  # type: ignore[no-untyped-def]
+@leaf
+def box_distance2(p, box) -> float:  # type: ignore[no-untyped-def]
     """Squared distance of a point to a box."""
     d2 = 0.0
     for k in range(3):
@@ -45,8 +45,8 @@ def box_distance2(p, box):  # type: ignore[no-untyped-def]
     return d2
 
 
-@helper
-def _select(centre, order, first, last, middle):  # type: ignore[no-untyped-def]
+@leaf
+def _select(centre, order, first, last, middle) -> None:  # type: ignore[no-untyped-def]
     """Move the smallest centres of ``order[first:last]`` before ``middle`` (Hoare's quickselect)."""
     low, high = first, last - 1
     while low < high:

@@ -14,12 +14,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.measure.box_forest import STACK, box_distance2, box_forest
 
 
-@helper
-def _segment_distance2(p, a, b):  # type: ignore[no-untyped-def]
+@leaf
+def _segment_distance2(p, a, b) -> float:  # type: ignore[no-untyped-def]
     ab2, dot = 0.0, 0.0
     for k in range(3):
         ab2 += (b[k] - a[k]) * (b[k] - a[k])
@@ -34,8 +35,8 @@ def _segment_distance2(p, a, b):  # type: ignore[no-untyped-def]
     return d2
 
 
-@helper
-def triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
+@leaf
+def triangle_distance2(p, a, b, c) -> float:  # type: ignore[no-untyped-def]
     """Squared distance of p to the triangle; degenerate ones are their edges."""
     best = _segment_distance2(p, a, b)
     if b[0] == c[0] and b[1] == c[1] and b[2] == c[2]:
@@ -57,11 +58,11 @@ def triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
     return best
 
 
-@helper
-def nearest_primitive(forest, positions, primitives, group, p):  # type: ignore[no-untyped-def]
+@leaf
+def nearest_primitive(forest, positions, primitives, group, p) -> tuple[float, int]:  # type: ignore[no-untyped-def]
     """Squared distance of ``p`` to the nearest primitive of a group, and its row; (inf, -1) if there is none."""
     order, box, first, length, child, roots = forest
-    stack, below = np.empty(STACK, np.int64), np.empty(STACK)
+    stack, below = local_line(STACK), local_line(STACK)  # node numbers are exact in float64
     best, nearest, top = np.inf, -1, 0
     if roots[group] >= 0:
         stack[0], below[0], top = roots[group], 0.0, 1
@@ -69,7 +70,7 @@ def nearest_primitive(forest, positions, primitives, group, p):  # type: ignore[
         top -= 1
         if below[top] >= best:
             continue
-        node = stack[top]
+        node = int(stack[top])
         if child[node] < 0:
             for j in range(first[node], first[node] + length[node]):
                 t = primitives[order[j]]

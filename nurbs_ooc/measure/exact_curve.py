@@ -14,7 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import CurveKind, GeometryBatch
 
 _ELLIPSE = int(CurveKind.ELLIPSE)
@@ -22,8 +22,8 @@ _HYPERBOLA = int(CurveKind.HYPERBOLA)
 MAX_DEGREE = 64  # of any curve or surface; the scratch arrays of the kernels are this long
 
 
-@helper
-def find_span(values, first, n, degree, t):  # type: ignore[no-untyped-def]
+@leaf
+def find_span(values, first, n, degree, t) -> int:  # type: ignore[no-untyped-def]
     """Index i of the non-empty span U[i] <= t < U[i+1]; the end spans take all that lies beyond them."""
     if t >= values[first + n]:
         i = n - 1
@@ -42,8 +42,8 @@ def find_span(values, first, n, degree, t):  # type: ignore[no-untyped-def]
     return low
 
 
-@helper
-def basis(values, first, span, degree, t, out):  # type: ignore[no-untyped-def]
+@leaf
+def basis(values, first, span, degree, t, out) -> None:  # type: ignore[no-untyped-def]
     """Fill ``out[0, :p+1]`` with the basis functions that live on the span and ``out[1]`` with their derivatives."""
     out[0, 0] = 1.0
     out[1, 0] = 0.0
@@ -70,8 +70,8 @@ def basis(values, first, span, degree, t, out):  # type: ignore[no-untyped-def]
             before = after
 
 
-@helper
-def curve_point(values, curve, t, scratch, out):  # type: ignore[no-untyped-def]
+@leaf
+def curve_point(values, curve, t, scratch, out) -> None:  # type: ignore[no-untyped-def]
     """``out[0, :dim]`` is the point and ``out[1, :dim]`` the derivative of one curve record at ``t``."""
     dim, p0 = curve.dim, curve.points
     if curve.kind == _ELLIPSE or curve.kind == _HYPERBOLA:

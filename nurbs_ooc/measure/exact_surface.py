@@ -14,7 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import GeometryBatch, SurfaceKind
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE, basis, curve_point, find_span
 
@@ -27,8 +27,8 @@ _TORUS = int(SurfaceKind.TORUS)
 _REVOLUTION = int(SurfaceKind.REVOLUTION)
 
 
-@helper
-def _into_period(values, first, n, degree, period, t):  # type: ignore[no-untyped-def]
+@leaf
+def _into_period(values, first, n, degree, period, t) -> float:  # type: ignore[no-untyped-def]
     """Turn ``t`` by whole periods into the domain of the knots."""
     low, high = values[first + degree], values[first + n]
     if period > 0.0 and (t < low or t > high):
@@ -36,8 +36,8 @@ def _into_period(values, first, n, degree, period, t):  # type: ignore[no-untype
     return t
 
 
-@helper
-def _nurbs_point(values, s, u, v, scratch, out):  # type: ignore[no-untyped-def]
+@leaf
+def _nurbs_point(values, s, u, v, scratch, out) -> None:  # type: ignore[no-untyped-def]
     u = _into_period(values, s.knots_u, s.n_u, s.degree_u, s.u_period, u)
     v = _into_period(values, s.knots_v, s.n_v, s.degree_v, s.v_period, v)
     span_u = find_span(values, s.knots_u, s.n_u, s.degree_u, u)
@@ -70,8 +70,8 @@ def _nurbs_point(values, s, u, v, scratch, out):  # type: ignore[no-untyped-def]
             out[2, k] = (out[2, k] - w_v * out[0, k]) / w
 
 
-@helper
-def _turned_point(values, frame, kind, u, v, out):  # type: ignore[no-untyped-def]
+@leaf
+def _turned_point(values, frame, kind, u, v, out) -> None:  # type: ignore[no-untyped-def]
     """Cylinder, cone, sphere and torus: out = O + r (cos u X + sin u Y) + h Z with r, h functions of v."""
     a, b = values[frame + 12], values[frame + 13]
     if kind == _CYLINDER:
@@ -90,8 +90,8 @@ def _turned_point(values, frame, kind, u, v, out):  # type: ignore[no-untyped-de
         out[2, k] = r_v * (c * x + s * y) + h_v * z
 
 
-@helper
-def _revolved_point(values, frame, u, at, out):  # type: ignore[no-untyped-def]
+@leaf
+def _revolved_point(values, frame, u, at, out) -> None:  # type: ignore[no-untyped-def]
     """Turn the profile's point ``at[0]`` and tangent ``at[1]`` by u about the axis (Rodrigues' formula)."""
     c, s = math.cos(u), math.sin(u)
     zx, zy, zz = values[frame + 9], values[frame + 10], values[frame + 11]
@@ -110,8 +110,8 @@ def _revolved_point(values, frame, u, at, out):  # type: ignore[no-untyped-def]
         out[0, k] += values[frame + k]
 
 
-@helper
-def surface_point(surfaces, curves, values, row, u, v, scratch, out):  # type: ignore[no-untyped-def]
+@leaf
+def surface_point(surfaces, curves, values, row, u, v, scratch, out) -> None:  # type: ignore[no-untyped-def]
     """``out[0]``, ``out[1]``, ``out[2]`` become S, S_u and S_v of the surface in ``row`` at (u, v).
 
     ``scratch`` is (3, 2, MAX_DEGREE + 1).

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import SurfaceKind
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE
 from nurbs_ooc.measure.inside import MAX_DEPTH, is_inside
@@ -28,15 +28,15 @@ CAUTION = 2.0  # times the bend that the middles of a cell and its sides show
 _NURBS = int(SurfaceKind.NURBS)
 
 
-@helper
-def _grid_uv(box, i, n_i, j, n_j):  # type: ignore[no-untyped-def]
+@leaf
+def _grid_uv(box, i, n_i, j, n_j) -> tuple[float, float]:  # type: ignore[no-untyped-def]
     u = box[0] + (box[2] - box[0]) * (i / n_i) if i < n_i else box[2]
     v = box[1] + (box[3] - box[1]) * (j / n_j) if j < n_j else box[3]
     return u, v
 
 
-@helper
-def _cells_along(bend, size, spans):  # type: ignore[no-untyped-def]
+@leaf
+def _cells_along(bend, size, spans) -> int:  # type: ignore[no-untyped-def]
     """Cells for a chord error of ``BENT``: second differences over 1/PROBES shrink with the square."""
     want = 0.5 * PROBES * math.sqrt(bend / max(BENT * size, 1e-300))
     return max(1, min(MAX_CELLS, max(math.ceil(min(want, 1e6)), min(spans, MAX_CELLS // 2))))
@@ -71,8 +71,8 @@ def _counts(surfaces, curves, values, rows, transforms, bounds, counts):  # type
         counts[f, 1] = _cells_along(math.sqrt(bend_v), math.sqrt(size2), spans_v)
 
 
-@helper
-def _mark_boundary(segments, first, last, box, n_u, n_v, touched):  # type: ignore[no-untyped-def]
+@leaf
+def _mark_boundary(segments, first, last, box, n_u, n_v, touched) -> None:  # type: ignore[no-untyped-def]
     """Set ``touched`` of every cell that the box of a boundary piece reaches into."""
     width, height = box[2] - box[0], box[3] - box[1]
     touched[: n_u * n_v] = False
@@ -90,8 +90,8 @@ def _mark_boundary(segments, first, last, box, n_u, n_v, touched):  # type: igno
                 touched[i * n_v + j] = True
 
 
-@helper
-def _leave(p, w, i, j):  # type: ignore[no-untyped-def]
+@leaf
+def _leave(p, w, i, j) -> float:  # type: ignore[no-untyped-def]
     """How far the middles of cell (i, j) and its sides lie from the plane quadrilateral; ``p`` has half steps."""
     row = 2 * i * w + 2 * j
     worst, twist = 0.0, 0.0

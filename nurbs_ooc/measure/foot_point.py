@@ -16,7 +16,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_table
 from nurbs_ooc.measure.closest import ClosestPrimitive, nearest_primitive, triangle_distance2
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE, curve_point
 from nurbs_ooc.measure.face_cells import face_cells
@@ -35,13 +36,13 @@ Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-@helper
-def _offset2(p, s):  # type: ignore[no-untyped-def]
+@leaf
+def _offset2(p, s) -> float:  # type: ignore[no-untyped-def]
     return (s[0] - p[0]) ** 2 + (s[1] - p[1]) ** 2 + (s[2] - p[2]) ** 2
 
 
-@helper
-def _normal_equations(p, s):  # type: ignore[no-untyped-def]
+@leaf
+def _normal_equations(p, s) -> tuple[float, float, float, float, float]:  # type: ignore[no-untyped-def]
     """J^T J as (a, b; b, c) and J^T r as (g, h) for r = p - S."""
     a, b, c, g, h = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
@@ -54,8 +55,8 @@ def _normal_equations(p, s):  # type: ignore[no-untyped-def]
     return a, b, c, g, h
 
 
-@helper
-def _descend(tables, row, transform, box, p, at, work):  # type: ignore[no-untyped-def]
+@leaf
+def _descend(tables, row, transform, box, p, at, work) -> float:  # type: ignore[no-untyped-def]
     """Move ``at`` downhill to a local foot of ``p``, inside ``box``; returns the squared distance left."""
     scratch, s, trial, goal = work
     for k in range(2):
@@ -88,18 +89,20 @@ def _descend(tables, row, transform, box, p, at, work):  # type: ignore[no-untyp
         moved, size2 = _offset2(s[0], trial[0]), trial[0, 0] ** 2 + trial[0, 1] ** 2 + trial[0, 2] ** 2
         small = d2 - better <= SETTLED * d2 or moved <= 1e-31 * size2
         d2, at[0], at[1] = better, goal[0], goal[1]
-        s[:] = trial
+        for i in range(3):
+            for k in range(3):
+                s[i, k] = trial[i, k]
         damping = max(1e-12, damping * SHRINK)
         if small:
             break
     return d2
 
 
-@helper
-def _slide(tables, coedges, segment, row, transform, p, best_uv, work):  # type: ignore[no-untyped-def]
+@leaf
+def _slide(tables, coedges, segment, row, transform, p, best_uv, work) -> float:  # type: ignore[no-untyped-def]
     """Squared distance of ``p`` to the exact boundary curve over one piece: the best of a few, then Gauss-Newton."""
     scratch, s, _, _ = work
-    on = np.zeros((2, 3))
+    on = local_table(2, 3)
     best, share, step = np.inf, 0.0, 0.0
     for k in range(FIRST_SHARES + SLIDES):
         # Step from the best point so far; after a bad step, only half as far.
@@ -134,8 +137,8 @@ def _slide(tables, coedges, segment, row, transform, p, best_uv, work):  # type:
     return best
 
 
-@helper
-def _start_uv(p, t, positions, uv, at):  # type: ignore[no-untyped-def]
+@leaf
+def _start_uv(p, t, positions, uv, at) -> None:  # type: ignore[no-untyped-def]
     """Parameters at the foot of ``p`` on a rough triangle, by its barycentric coordinates."""
     a, b, c = positions[t[0]], positions[t[1]], positions[t[2]]
     aa, ab, bb, pa, pb = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_table
 from nurbs_ooc.measure.exact_curve import curve_point
 
 BAND_SHRINKS = 1.0 / 3.0  # of a smooth piece's band when it is halved: 1/4 in the limit
@@ -22,13 +23,13 @@ MAX_DEPTH = 60
 STRAIGHT = 4.0 * np.finfo(float).eps  # bands below this share of the parameters are rounding
 
 
-@helper
-def crosses(curves, values, coedges, segment, u, v, scratch, stack):  # type: ignore[no-untyped-def]
+@leaf
+def crosses(curves, values, coedges, segment, u, v, scratch, stack) -> bool:  # type: ignore[no-untyped-def]
     """Does the ray from (u, v) along +u cross the boundary piece an odd number of times?
 
     ``scratch`` is (2, MAX_DEGREE + 1), ``stack`` (MAX_DEPTH + 2, 8).
     """
-    at = np.zeros((2, 3))
+    at = local_table(2, 3)
     stack[0, 0], stack[0, 1] = segment.t0, segment.t1
     stack[0, 2], stack[0, 3], stack[0, 4], stack[0, 5] = segment.uv0[0], segment.uv0[1], segment.uv1[0], segment.uv1[1]
     stack[0, 6], stack[0, 7] = segment.band[0], segment.band[1]
@@ -62,16 +63,16 @@ def crosses(curves, values, coedges, segment, u, v, scratch, stack):  # type: ig
     return odd
 
 
-@helper
-def strip_of(bounds, n, v):  # type: ignore[no-untyped-def]
+@leaf
+def strip_of(bounds, n, v) -> int:  # type: ignore[no-untyped-def]
     """Which of ``n`` horizontal strips over a face's bounds the height ``v`` falls in."""
     height = bounds[3] - bounds[1]
     share = (v - bounds[1]) / height if height > 0.0 else 0.0
     return min(n - 1, max(0, int(share * n)))
 
 
-@helper
-def is_inside(pieces, face, u, v, scratch, stack):  # type: ignore[no-untyped-def]
+@leaf
+def is_inside(pieces, face, u, v, scratch, stack) -> bool:  # type: ignore[no-untyped-def]
     """Even-odd rule for one face; ``pieces`` is ``TrimRegion.pieces``."""
     curves, values, coedges, segments, bounds, strip_start, entry_start, entries = pieces
     own = bounds[face]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE
 from nurbs_ooc.measure.exact_surface import surface_point
@@ -19,8 +19,8 @@ Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-@helper
-def placed_point(tables, row, transform, u, v, scratch, out):  # type: ignore[no-untyped-def]
+@leaf
+def placed_point(tables, row, transform, u, v, scratch, out) -> None:  # type: ignore[no-untyped-def]
     """``out`` rows become S, S_u and S_v of the placed surface; ``tables`` are surfaces, curves and values."""
     surfaces, curves, values = tables
     surface_point(surfaces, curves, values, row, u, v, scratch, out)

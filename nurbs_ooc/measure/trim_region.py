@@ -20,7 +20,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.measure.exact_curve import MAX_DEGREE, curve_point
 from nurbs_ooc.measure.inside import MAX_DEPTH, is_inside, strip_of
@@ -46,8 +47,8 @@ SEGMENT_DTYPE = np.dtype(
 )
 
 
-@helper
-def _boundary_uv(curves, values, curve, side, t, scratch, at):  # type: ignore[no-untyped-def]
+@leaf
+def _boundary_uv(curves, values, curve, side, t, scratch, at) -> None:  # type: ignore[no-untyped-def]
     """``at[0, :2]`` becomes the p-curve's point, or the point at share t of a straight ``side``."""
     if curve >= 0:
         curve_point(values, curves[curve], t, scratch, at)
@@ -56,8 +57,8 @@ def _boundary_uv(curves, values, curve, side, t, scratch, at):  # type: ignore[n
             at[0, k] = side[k] + t * (side[2 + k] - side[k]) if t < 1.0 else side[2 + k]
 
 
-@helper
-def _bend(tables, placed, uv, s, scratch, band):  # type: ignore[no-untyped-def]
+@leaf
+def _bend(tables, placed, uv, s, scratch, band) -> tuple[float, float]:  # type: ignore[no-untyped-def]
     """How far the surface over a piece leaves its chord, and the length of the chord; ``band``: the same in (u, v)."""
     row, transform = placed
     deviation, length = 0.0, 0.0
@@ -77,8 +78,8 @@ def _bend(tables, placed, uv, s, scratch, band):  # type: ignore[no-untyped-def]
     return np.sqrt(deviation), np.sqrt(length)
 
 
-@helper
-def _span_segments(tables, placed, curve, side, ta, tb, tolerance, coedge, out, n, work):  # type: ignore[no-untyped-def]
+@leaf
+def _span_segments(tables, placed, curve, side, ta, tb, tolerance, coedge, out, n, work) -> int:  # type: ignore[no-untyped-def]
     """Halve [ta, tb] until straight in space; write the segments from ``out[n]`` on, or count if out is short."""
     curves, values = tables[1], tables[2]
     scratch, at, uv, s, stack, band = work
@@ -109,12 +110,12 @@ def _span_segments(tables, placed, curve, side, ta, tb, tolerance, coedge, out, 
     return n
 
 
-@helper
-def _curve_segments(tables, placed, coedge, curve, tolerance, out, n, work):  # type: ignore[no-untyped-def]
+@leaf
+def _curve_segments(tables, placed, coedge, curve, tolerance, out, n, work) -> int:  # type: ignore[no-untyped-def]
     """All segments of a p-curve: knot span by knot span, conics by quarters of their range."""
     curves, values = tables[1], tables[2]
     c = curves[curve]
-    side = np.zeros(4)
+    side = local_line(4)
     ta = c.t0
     if c.kind == 0:
         for i in range(c.degree, c.n + 1):
@@ -130,9 +131,10 @@ def _curve_segments(tables, placed, coedge, curve, tolerance, out, n, work):  # 
     return _span_segments(tables, placed, curve, side, ta, c.t1, tolerance, coedge, out, n, work)
 
 
-@helper
-def _straight(tables, placed, u0, v0, u1, v1, tolerance, coedge, out, n, work):  # type: ignore[no-untyped-def]
-    side = np.array([u0, v0, u1, v1])
+@leaf
+def _straight(tables, placed, u0, v0, u1, v1, tolerance, coedge, out, n, work) -> int:  # type: ignore[no-untyped-def]
+    side = local_line(4)
+    side[0], side[1], side[2], side[3] = u0, v0, u1, v1
     return _span_segments(tables, placed, -1, side, 0.0, 1.0, tolerance, coedge, out, n, work)
 
 

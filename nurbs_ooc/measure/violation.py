@@ -14,8 +14,7 @@ class Violation:
     Attributes:
         where: the face, surface or node it concerns, in words.
         row: its row in the surfaces (mesh) or nodes (cache).
-        kind: ``surface to mesh``, ``mesh to surface``, ``lost``, ``not finite``, ``bad index``,
-            ``out of its box``, ``below a child``, ``below its ledger``.
+        kind: one of those in docs/verify.md, as ``surface to mesh``.
         value: what was measured, mm.
         limit: what was promised, mm.
         uv: native parameters of the point of the surface, where there is one.

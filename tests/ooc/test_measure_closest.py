@@ -6,11 +6,12 @@ import igl
 import numpy as np
 import pytest
 
+from nurbs_ooc.measure.box_forest import LEAF, box_forest
 from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
 from tests.ooc.measure_shapes import octasphere
 
 
-@pytest.mark.parametrize("n", [1, 3, 5, 700])
+@pytest.mark.parametrize("n", [1, 3, 5, 700, 30_000])
 def test_triangles_equal_libigl(n: int) -> None:
     rng = np.random.default_rng(n)
     v = rng.normal(size=(3 * n, 3))
@@ -24,6 +25,7 @@ def test_triangles_equal_libigl(n: int) -> None:
     np.testing.assert_array_equal(again, got[:20])
 
 
+@pytest.mark.kernel
 def test_groups_do_not_see_each_other() -> None:
     v, t = octasphere(1.0, 3)
     both = np.concatenate([v, v + np.array([10.0, 0, 0])])
@@ -36,6 +38,7 @@ def test_groups_do_not_see_each_other() -> None:
     assert (at[[1, 3]] == -1).all()
 
 
+@pytest.mark.kernel
 def test_segments_and_points() -> None:
     v = np.array([[0, 0, 0], [10, 0, 0], [5, 5, 5]], float)
     tree = ClosestPrimitive(v, as_primitives(np.zeros((0, 3), int), np.array([[0, 1]]), np.array([2])))
@@ -44,6 +47,7 @@ def test_segments_and_points() -> None:
     assert at.tolist() == [0, 0, 1]
 
 
+@pytest.mark.kernel
 @pytest.mark.parametrize("height", [1e-3, 1e-9, 1e-13, 1e-17, 0.0])
 def test_needles_are_never_closer_than_they_are(height: float) -> None:
     v = np.array([[0, 0, 0], [1, 0, 0], [0.3, height, 0]], float)
@@ -52,7 +56,28 @@ def test_needles_are_never_closer_than_they_are(height: float) -> None:
     np.testing.assert_allclose(d, [2.0, 1.0, 2.0], rtol=1e-12)
 
 
+@pytest.mark.kernel
 def test_empty() -> None:
     d, at = ClosestPrimitive(np.zeros((0, 3)), np.zeros((0, 3), np.int64)).query([[0, 0, 0]])
     assert np.isinf(d[0])
     assert at[0] == -1
+
+
+@pytest.mark.kernel
+def test_leaves_hold_few_boxes_and_every_box_is_in_one() -> None:
+    rng = np.random.default_rng(3)
+    low = rng.normal(size=(300, 3)).round(1)  # many centres are equal
+    boxes = np.concatenate([low, low + rng.random((300, 3)).round(1)], 1)
+    forest = box_forest(boxes, np.repeat([0, 2], [100, 200]), 3)
+    assert forest.roots[1] == -1
+    assert sorted(forest.order[:100]) == list(range(100))
+    assert sorted(forest.order) == list(range(300))
+    nodes = [int(r) for r in forest.roots if r >= 0]
+    for node in nodes:
+        own = boxes[forest.order[forest.first[node] : forest.first[node] + forest.length[node]]]
+        np.testing.assert_array_equal(forest.box[node], [*own[:, :3].min(0), *own[:, 3:].max(0)])
+        if forest.child[node] < 0:
+            assert forest.length[node] <= LEAF
+        else:
+            nodes += [int(forest.child[node]), int(forest.child[node]) + 1]
+    assert sum(forest.length[n] for n in nodes if forest.child[n] < 0) == 300

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
+import threading
+from contextlib import nullcontext
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from nurbs_cache.store import Store
+from nurbs_ooc.cli.console import Console
 from nurbs_ooc.cli.verify import command
 from tests.ooc.test_measure_cache import fill
 
@@ -44,3 +49,27 @@ def test_no_cache_exits_2(tmp_path: Path) -> None:
     result = CliRunner().invoke(command, [str(tmp_path / "nothing")])
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
+
+
+class _Impatient:
+    """A progress bar that presses Ctrl-C at the third stroke."""
+
+    strokes = 0
+
+    def advance(self, _: float = 1) -> None:
+        self.strokes += 1
+        if self.strokes == 3:
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_ends_it_with_one_line_and_no_thread_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, bar = _on_disk(tmp_path / "c", 1.0), _Impatient()
+    monkeypatch.setattr(Console, "progress", lambda *_: nullcontext(bar))
+    threads = threading.active_count()
+    result = CliRunner().invoke(command, [str(path), "--samples", "5000000", "--workers", "2", "--json"])
+    assert result.exit_code == 130
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert "Ctrl-C" in result.stderr
+    assert bar.strokes == 3
+    assert threading.active_count() == threads
