@@ -38,6 +38,7 @@ def test_build_reports_and_info_agrees(tmp_path: Path) -> None:
     assert report["faces"] == {"read": 34, "exact": 34, "healed": 0, "degraded": 0, "failed": 0}
     assert (report["surfaces"], report["placed_surfaces"], report["occurrences"]) == (34, 103, 7)
     assert report["workers"] == 2
+    assert report["face_reasons"] == {}
     assert {"read", "tessellate", "hierarchy", "hlod", "write", "total"} <= report["seconds"].keys()
     assert min(report["triangles"], report["points"], report["lines"], report["bytes"], report["peak_rss_mib"]) > 0
     assert report["nodes"] == report["tiles"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.surface_record import FaceStatus
+from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.hlod.mesh_pool import MeshPool
 
@@ -45,3 +45,14 @@ def status_counts(store: TypedStore) -> dict[str, int]:
     statuses = store.get_face_report()["status"]
     counts = {"read": sum(info.n_surfaces for info in store.part_infos())}
     return counts | {name: int((statuses == status).sum()) for status, name in STATUS_NAMES.items()}
+
+
+def reason_counts(store: TypedStore) -> dict[str, int]:
+    """Number of faces that are not exact by status and reason, as in ``{"healed FILE_GAP": 3}``, worst status last."""
+    rows = store.get_face_report()
+    rows = rows[rows["status"] != FaceStatus.EXACT]
+    pairs, counts = np.unique(np.stack([rows["status"], rows["reason"]], 1), axis=0, return_counts=True)
+    return {
+        f"{STATUS_NAMES[FaceStatus(status)]} {FaceReason(reason).name}": n
+        for (status, reason), n in zip(pairs.tolist(), counts.tolist(), strict=True)
+    }

@@ -8,7 +8,7 @@ import numpy as np
 
 from nurbs_cache.node_record import NODE_DTYPE
 from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.build.face_report import status_counts
+from nurbs_ooc.build.face_report import reason_counts, status_counts
 
 
 def contents(store: TypedStore) -> dict[str, Any]:
@@ -23,6 +23,7 @@ def contents(store: TypedStore) -> dict[str, Any]:
     bytes_per_table = store.stats()
     return {
         "faces": status_counts(store),
+        "face_reasons": reason_counts(store),
         "surfaces": sum(info.n_surfaces for info in store.part_infos()),
         "parts": len(store.part_infos()),
         "products": len(store.get_products()),

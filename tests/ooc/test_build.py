@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from nurbs_cache.errors import CacheError, InputFileError, UsageError
+from nurbs_cache.face_record import FACE_REPORT_DTYPE
+from nurbs_cache.memory_store import MemoryStore
 from nurbs_cache.store import Store
 from nurbs_cache.surface_record import SurfaceKind
 from nurbs_cache.tile import decode_tile
 from nurbs_ooc.build import tunables
+from nurbs_ooc.build.face_report import reason_counts
 from nurbs_ooc.build.on_demand import build_node_tile
 from nurbs_ooc.build.report import contents
 from nurbs_ooc.build.target import partial_path
@@ -218,3 +221,13 @@ def test_codec_is_chosen_per_build_and_kept(source: Path, tmp_path: Path) -> Non
     assert set(tiles["huffman"]) <= {0, 2} and tiles["huffman"][2]
     with pytest.raises(CacheError, match="codec"):
         run_build(source, tmp_path / "huffman", codec="zstd", resume=True)
+
+
+def test_reasons_are_counted_by_status() -> None:
+    rows = np.zeros(5, FACE_REPORT_DTYPE)
+    rows["surface"] = np.arange(5)
+    rows["status"], rows["reason"] = [0, 2, 1, 1, 1], [0, 55, 55, 55, 12]
+    store = MemoryStore()
+    assert reason_counts(store) == {}
+    store.put_face_report(rows)
+    assert reason_counts(store) == {"healed LOOP_GAP_CLOSED": 1, "healed FILE_GAP": 2, "degraded FILE_GAP": 1}
