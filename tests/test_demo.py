@@ -15,7 +15,15 @@ from nurbs_ooc.cli import demo
 from nurbs_ooc.cli.main import main
 
 BUILD = {"faces": {"read": 9, "exact": 8, "healed": 1, "degraded": 0, "failed": 0}, "nodes": 5, "levels": 3, "bytes": 7}
-FLY = {"frames": 2, "bytes_streamed": 1000, "screen_error_px": {"max": 0.5}, "gl_renderer": "soft", "fps": {"mean": 9}}
+FLY = {
+    "frames": 2,
+    "bytes_streamed": 1000,
+    "screen_error_px": {"mean": 0.2, "max": 0.5},
+    "gl_renderer": "soft",
+    "fps": {"mean": 9},
+}
+VERIFY = {"violations": [], "samples": 5, "worst_measured_over_certified": 0.9}
+BROKEN = VERIFY | {"violations": [{}]}
 SERVE = 'import signal, time; print(\'{"url": "http://127.0.0.1:9"}\', flush=True); signal.pause()'
 
 
@@ -26,7 +34,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, **code: str) -> list[list[str]]:
         "build": f"import json; print(json.dumps({BUILD!r}))",
         "serve": SERVE,
         "fly": f"import json; print(json.dumps({FLY!r}))",
-        "verify": "print('{\"violations\": []}')",
+        "verify": f"import json; print(json.dumps({VERIFY!r}))",
     }
 
     def arguments(name: str, values: Sequence[object]) -> list[str]:
@@ -50,7 +58,7 @@ def test_stages_and_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert calls[2][1] == "http://127.0.0.1:9"
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report == json.loads(result.stdout)
-    assert (report["build"], report["fly"], report["verify"]) == (BUILD, FLY, {"violations": []})
+    assert (report["build"], report["fly"], report["verify"]) == (BUILD, FLY, VERIFY)
     assert set(report["seconds"]) == {"build", "fly", "verify", "total"}
 
 
@@ -60,7 +68,7 @@ def test_stages_and_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         ("build", "import sys; sys.exit(2)", 2, "nurbs-ooc: demo: build ended with exit code 2"),
         ("serve", "import sys; sys.exit(1)", 1, "nurbs-ooc: demo: serve ended with exit code 1"),
         ("fly", "import sys; sys.exit(130)", 130, "nurbs-ooc: stopped by Ctrl-C"),
-        ("verify", "import sys; print('{\"violations\": [{}]}'); sys.exit(1)", 1, "nurbs-ooc: demo: verify found"),
+        ("verify", f"import json, sys; print(json.dumps({BROKEN!r})); sys.exit(1)", 1, "nurbs-ooc: demo: verify found"),
     ],
 )
 def test_failing_stage_ends_it(
@@ -82,7 +90,10 @@ def test_the_whole_way(tmp_path: Path) -> None:
     assert report["build"]["faces"]["read"] == 1813
     assert report["build"]["faces"]["failed"] == 0
     assert report["verify"]["violations"] == []
-    assert report["fly"]["screen_error_px"]["max"] <= 0.5
+    assert report["fly"]["screen_error_px"]["mean"] <= 0.5
+    assert report["fly"]["complete_frames"] == 41
+    assert report["verify"]["undecided"] == 0
+    assert report["verify"]["sampled_surfaces"] == report["verify"]["placed_surfaces"]
     frames = sorted((tmp_path / "frames").glob("frame_*.png"))
     assert len(frames) == report["fly"]["frames"] == 41
     with Image.open(frames[0]) as picture:
