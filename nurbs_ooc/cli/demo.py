@@ -125,7 +125,7 @@ def _print_table(console: Console, report: Json) -> None:
     table.add_column("what came out")
     statuses = ", ".join(f"{faces[status]} {status}" for status in ("exact", "healed", "degraded", "failed"))
     table.add_row("build", f"{seconds['build']:.1f}", f"{faces['read']} faces: {statuses}")
-    for reason, n in build.get("face_reasons", {}).items():
+    for reason, n in sorted(build.get("face_reasons", {}).items(), key=lambda pair: -pair[1]):
         table.add_row("", "", f"  {n} {reason}")
     table.add_row("", "", f"{build['nodes']} nodes, {build['levels']} levels, {build['bytes'] / 1e6:.1f} MB")
     table.add_row(

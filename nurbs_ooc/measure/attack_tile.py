@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_ooc.measure.drawn_sampler import sample_drawn
-from nurbs_ooc.measure.near_boxes import near_boxes
 from nurbs_ooc.measure.surface_to_tile import surface_to_tile
 from nurbs_ooc.measure.tile_task import Effort, TileFinding, TileTask
 from nurbs_ooc.measure.tile_to_surface import tile_to_surface
@@ -29,7 +28,7 @@ def attack_tile(task: TileTask, effort: Effort, node_box: npt.NDArray[np.float64
         return task.finding
     rng = np.random.default_rng(effort.seed)
     p, triangle = sample_drawn(task.tile, effort.share, effort.drawn, rng)
-    _, near = near_boxes(task.items.boxes, p, task.limit)
+    _, near = task.near.find(p, task.limit)
     task.prepare(np.union1d(effort.surfaces, near))
     task.finding.skipped_surfaces = int(task.unusable[effort.surfaces].sum())
     surface_to_tile(task, effort, node_box)

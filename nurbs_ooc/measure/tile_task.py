@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason
 from nurbs_ooc.measure.gathered import gathered
+from nurbs_ooc.measure.near_boxes import NearBoxes
 from nurbs_ooc.measure.part_source import PartSource
 from nurbs_ooc.measure.trim_region import TrimRegion
 from nurbs_ooc.measure.violation import Violation
@@ -28,13 +29,15 @@ class PlacedSurfaces:
 
     Attributes:
         part, row: (n,) the part and the row in it.
-        transform: (n, 3, 4) placement in the tile's space.
+        occurrence: (n,) the placement of each, a row of
+        transforms: (m, 3, 4) into the tile's space.
         boxes: (n, 6) low and high corner there, mm; where a surface is sought.
     """
 
     part: Indices
     row: Indices
-    transform: Floats
+    occurrence: Indices
+    transforms: Floats
     boxes: Floats
 
     def __len__(self) -> int:
@@ -101,6 +104,7 @@ class TileTask:
     Attributes:
         limit: the promise with what rounding may add.
         finding: filled by the directions.
+        near: finds items by their boxes.
         region: the surfaces chosen by ``prepare``; ``item_of[f]`` is face f's item, ``face_of`` leads back, -1 for
             items that were not chosen or cannot be evaluated (``unusable``).
     """
@@ -113,6 +117,7 @@ class TileTask:
         self.parts, self.items, self.tile, self.promised = parts, items, tile, promised
         self.where, self.row = where, row
         self.finding = TileFinding()
+        self.near = NearBoxes(items.boxes)
         self.size = float(np.abs(tile.positions).max(initial=0.0))
         self.limit = promised + ROUNDING * self.size
         self.item_of = np.zeros(0, np.int64)
@@ -132,7 +137,7 @@ class TileTask:
         self.face_of[self.item_of] = np.arange(len(self.item_of))
         geometry = gathered(parts, items.part[self.item_of], items.row[self.item_of])
         tolerance = max(STRAIGHT * self.promised, FINEST * self.size)
-        transforms = items.transform[self.item_of]
+        transforms = items.transforms[items.occurrence[self.item_of]]
         self.region = TrimRegion(geometry, np.arange(len(self.item_of)), tolerance, transforms)
 
     def broken(

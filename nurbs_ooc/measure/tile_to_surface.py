@@ -13,7 +13,6 @@ import numpy.typing as npt
 from nurbs_ooc.measure.certify_far import nowhere_near
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.mesh_sampler import CENTROID, CORNERS, MIDDLES
-from nurbs_ooc.measure.near_boxes import near_boxes
 from nurbs_ooc.measure.tile_task import TileTask
 from nurbs_ooc.measure.vertex_stars import VertexStars
 
@@ -68,7 +67,7 @@ class _DrawnAttack:
     def _measure(self, p: Floats) -> Floats:
         """Distances; 0 where a surface that cannot be evaluated, or was not prepared, may be what is drawn."""
         task = self.task
-        start, near = near_boxes(task.items.boxes, p, task.limit)
+        start, near = task.near.find(p, task.limit)
         _, _, distance = self.finder.nearest(p, *self._candidates(start, near))
         task.finding.n_samples += len(p)
         of = np.repeat(np.arange(len(p)), np.diff(start))
@@ -101,7 +100,7 @@ class _DrawnAttack:
     def _is_broken(self, p: Floats, distance: float) -> bool:
         """Search everything near a point; if that finds no foot, prove that there is none."""
         task = self.task
-        _, faces = self._candidates(*near_boxes(task.items.boxes, p[None], task.limit))
+        _, faces = self._candidates(*task.near.find(p[None], task.limit))
         if not len(faces):  # in no surface's box: at least as far as the nearest box
             low, high = task.items.boxes[:, :3], task.items.boxes[:, 3:]
             distance = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - p, p - high)), axis=1).min())

@@ -211,15 +211,15 @@ class CacheAttack:
 
     def _placed(self, tile: _Tile) -> PlacedSurfaces:
         if tile.items is None:
-            part, row = self._store.locate_surface(tile.row)
+            only = [np.array([x]) for x in self._store.locate_surface(tile.row)]
             everywhere = np.array([[-np.inf] * 3 + [np.inf] * 3])
-            return PlacedSurfaces(np.array([part]), np.array([row]), np.eye(3, 4)[None], everywhere)
+            return PlacedSurfaces(only[0], only[1], np.array([0]), np.eye(3, 4)[None], everywhere)
         own = self._items[tile.items]
-        occurrence = self._occurrences[own["occurrence"]]
-        part = occurrence["part"].astype(np.int64)
+        occurrence = own["occurrence"].astype(np.int64)
+        part = self._occurrences["part"][occurrence].astype(np.int64)
         row = own["surface"].astype(np.int64) - self._first_surface[part]
         boxes = np.concatenate([own["aabb_min"], own["aabb_max"]], 1)
-        return PlacedSurfaces(part, row, np.ascontiguousarray(occurrence["transform"]), boxes)
+        return PlacedSurfaces(part, row, occurrence, self._occurrences["transform"], boxes)
 
     def _attack(self, tile: _Tile, effort: Effort) -> TileFinding:
         """One job, in any thread."""
