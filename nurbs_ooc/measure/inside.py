@@ -18,22 +18,29 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_table
 from nurbs_ooc.measure.exact_curve import curve_point
 
-BAND_SHRINKS = 1.0 / 3.0  # of a smooth piece's band when it is halved: 1/4 in the limit
-MAX_DEPTH = 60
-STRAIGHT = 4.0 * np.finfo(float).eps  # bands below this share of the parameters are rounding
+CAUTION = 2.0  # times the bend that middles show: the band of a piece
+THIN = 4.0 * np.finfo(float).eps  # of the largest parameters: bands below it are rounding
+MAX_DEPTH = 60  # halvings within one another
+MAX_HALVINGS = 2000  # of one piece for one ray; a handful is usual, contact of high order takes some more
 
 
 @leaf
-def crosses(curves, values, coedges, segment, u, v, scratch, stack) -> bool:  # type: ignore[no-untyped-def]
+def _push(stack, top, t0, t1, a, b, c, d, band_u, band_v) -> None:  # type: ignore[no-untyped-def]
+    piece = stack[top]
+    piece[0], piece[1], piece[2], piece[3] = t0, t1, a, b
+    piece[4], piece[5], piece[6], piece[7] = c, d, band_u, band_v
+
+
+@leaf
+def crosses(curves, values, coedges, segment, u, v, thin_u, thin_v, scratch, stack) -> bool:  # type: ignore[no-untyped-def]
     """Does the ray from (u, v) along +u cross the boundary piece an odd number of times?
 
-    ``scratch`` is (2, MAX_DEGREE + 1), ``stack`` (MAX_DEPTH + 2, 8).
+    ``scratch`` is (2, MAX_DEGREE + 1), ``stack`` (MAX_DEPTH + 2, 8); bands below ``thin_u``, ``thin_v`` are none.
     """
-    at = local_table(2, 3)
-    stack[0, 0], stack[0, 1] = segment.t0, segment.t1
-    stack[0, 2], stack[0, 3], stack[0, 4], stack[0, 5] = segment.uv0[0], segment.uv0[1], segment.uv1[0], segment.uv1[1]
-    stack[0, 6], stack[0, 7] = segment.band[0], segment.band[1]
-    odd, top = False, 1
+    left, middle, right = local_table(2, 3), local_table(2, 3), local_table(2, 3)
+    (a, b), (c, d) = segment.uv0, segment.uv1
+    _push(stack, 0, segment.t0, segment.t1, a, b, c, d, segment.band[0], segment.band[1])
+    odd, top, n = False, 1, 0
     while top > 0:
         top -= 1
         t0, t1, a, b = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
@@ -44,21 +51,25 @@ def crosses(curves, values, coedges, segment, u, v, scratch, stack) -> bool:  # 
         if u < min(a, c) - band_u:
             odd = odd != up
             continue
-        middle = 0.5 * (t0 + t1)
-        thin = band_u <= STRAIGHT * (abs(a) + abs(c)) and band_v <= STRAIGHT * (abs(b) + abs(d))
-        if thin or top > MAX_DEPTH - 2 or not t0 < middle < t1:
+        half = 0.5 * (t0 + t1)
+        if (band_u <= thin_u and band_v <= thin_v) or top + 2 > MAX_DEPTH or n == MAX_HALVINGS or not t0 < half < t1:
             # Orient the chord upwards, so that both its users round alike.
             if b > d:
                 a, b, c, d = c, d, a, b
             odd = odd != (up and (c - a) * (v - b) - (u - a) * (d - b) > 0.0)
             continue
-        curve_point(values, curves[coedges[segment.coedge].pcurve], middle, scratch, at)
-        for k in range(2):
-            stack[top + k, 6], stack[top + k, 7] = BAND_SHRINKS * band_u, BAND_SHRINKS * band_v
-        stack[top, 0], stack[top, 1] = t0, middle
-        stack[top, 2], stack[top, 3], stack[top, 4], stack[top, 5] = a, b, at[0, 0], at[0, 1]
-        stack[top + 1, 0], stack[top + 1, 1] = middle, t1
-        stack[top + 1, 2], stack[top + 1, 3], stack[top + 1, 4], stack[top + 1, 5] = at[0, 0], at[0, 1], c, d
+        n += 1
+        curve = curves[coedges[segment.coedge].pcurve]
+        curve_point(values, curve, half, scratch, middle)
+        curve_point(values, curve, 0.5 * (t0 + half), scratch, left)
+        curve_point(values, curve, 0.5 * (half + t1), scratch, right)
+        p, q = middle[0, 0], middle[0, 1]
+        # A half bends as its own middle shows, or a quarter as much as the whole.
+        whole_u, whole_v = 0.25 * abs(p - 0.5 * (a + c)), 0.25 * abs(q - 0.5 * (b + d))
+        own_u, own_v = abs(left[0, 0] - 0.5 * (a + p)), abs(left[0, 1] - 0.5 * (b + q))
+        _push(stack, top, t0, half, a, b, p, q, CAUTION * max(own_u, whole_u), CAUTION * max(own_v, whole_v))
+        own_u, own_v = abs(right[0, 0] - 0.5 * (p + c)), abs(right[0, 1] - 0.5 * (q + d))
+        _push(stack, top + 1, half, t1, p, q, c, d, CAUTION * max(own_u, whole_u), CAUTION * max(own_v, whole_v))
         top += 2
     return odd
 
@@ -78,9 +89,10 @@ def is_inside(pieces, face, u, v, scratch, stack) -> bool:  # type: ignore[no-un
     own = bounds[face]
     if not (own[0] <= u <= own[2] and own[1] <= v <= own[3]):
         return False
+    thin_u, thin_v = THIN * (abs(own[0]) + abs(own[2])), THIN * (abs(own[1]) + abs(own[3]))
     strip = strip_start[face] + strip_of(own, strip_start[face + 1] - strip_start[face], v)
     odd = False
     for e in range(entry_start[strip], entry_start[strip + 1]):
-        if crosses(curves, values, coedges, segments[entries[e]], u, v, scratch, stack):
+        if crosses(curves, values, coedges, segments[entries[e]], u, v, thin_u, thin_v, scratch, stack):
             odd = not odd
     return odd

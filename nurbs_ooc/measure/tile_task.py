@@ -80,8 +80,9 @@ class Effort:
 
 @dataclass(eq=False)
 class TileFinding:
-    """What the attack on one tile measured (mm) and what it broke."""
+    """What the attack on one tile measured (mm) and what it broke; ``limit`` is the promise with rounding."""
 
+    limit: float = 0.0
     n_samples: int = 0
     surface_to_tile: float = 0.0
     tile_to_surface: float = 0.0
@@ -119,7 +120,7 @@ class TileTask:
         self.finding = TileFinding()
         self.near = NearBoxes(items.boxes)
         self.size = float(np.abs(tile.positions).max(initial=0.0))
-        self.limit = promised + ROUNDING * self.size
+        self.limit = self.finding.limit = promised + ROUNDING * self.size
         self.item_of = np.zeros(0, np.int64)
         self.face_of = np.full(len(items), -1)
         self.unusable = np.zeros(len(items), np.bool_)

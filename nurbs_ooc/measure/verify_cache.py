@@ -74,18 +74,19 @@ class _Tile:
 
 @dataclass
 class Measured:
-    """One tile's outcome, mm."""
+    """One tile's outcome, mm; ``limit`` is what is certified and what float64 may add."""
 
     where: str
     level: int
     certified: float
+    limit: float = 0.0
     surface_to_tile: float = 0.0
     tile_to_surface: float = 0.0
 
     @property
     def ratio(self) -> float:
-        """Measured over certified."""
-        return max(self.surface_to_tile, self.tile_to_surface) / self.certified if self.certified > 0 else 0.0
+        """Measured over certified, rounding granted."""
+        return max(self.surface_to_tile, self.tile_to_surface) / self.limit if self.limit > 0 else 0.0
 
     def as_json(self) -> dict[str, Any]:
         """The numbers as a report has them."""
@@ -252,6 +253,7 @@ def _count(report: CacheReport, tile: _Tile, effort: Effort, found: TileFinding)
     if not report.measured or report.measured[-1].where != tile.where:
         report.measured.append(Measured(tile.where, tile.level, tile.error))
     measured = report.measured[-1]
+    measured.limit = max(measured.limit, found.limit)
     measured.surface_to_tile = max(measured.surface_to_tile, found.surface_to_tile)
     measured.tile_to_surface = max(measured.tile_to_surface, found.tile_to_surface)
     report.samples += found.n_samples

@@ -51,6 +51,26 @@ def test_inside_is_exact_however_coarse_the_pieces(tolerance: float) -> None:
         assert region.contains(0, 5 + (3 + step) * ring).all()
 
 
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_rays_along_a_boundary_that_they_touch(degree: int) -> None:
+    """v = t^degree: rays at and beside the height of contact, starting on either side of it and on it."""
+    net = np.zeros((degree + 1, 2))
+    net[:, 0] = np.linspace(0, 1, degree + 1)
+    net[-1, 1] = 1.0
+    shape = Shape()
+    power = shape.curve(net, degree, np.repeat([0.0, 1.0], degree + 1), 2)
+    sides = [shape.curve(line, 1, [0, 0, 1, 1], 2) for line in ([[1, 1], [0, 1]], [[0, 1], [0, 0]])]
+    shape.loop([power, *sides])
+    shape.analytic(SurfaceKind.PLANE, (0, 1, 0, 1))
+    region = TrimRegion(shape.batch(), [0], 1e-3)
+    u = np.concatenate([[0.0, 1.0], np.random.default_rng(1).random(500)])
+    for height in (0.0, 1e-300, 1e-16, 1e-12, 1e-6, 0.1):
+        v = np.full(len(u), height)
+        clear = (np.abs(u - height ** (1 / degree)) > 1e-3) & (u > 1e-9) & (u < 1.0)
+        want = (u**degree < v)[clear]
+        np.testing.assert_array_equal(region.contains(0, np.stack([u, v], 1))[clear], want)
+
+
 def test_boundary_samples_lie_on_the_exact_curves() -> None:
     g = _plate_with_hole()
     samples = sample_faces(TrimRegion(g, [0], 1e-2), 400, seed=1)
