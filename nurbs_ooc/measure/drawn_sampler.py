@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from nurbs_ooc.measure.drawn_tile import DrawnTile
 from nurbs_ooc.measure.mesh_sampler import sample_triangles
-from nurbs_ooc.measure.tile_task import DrawnTile
 
 
 def sample_drawn(

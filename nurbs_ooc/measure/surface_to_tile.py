@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_ooc.measure.ascent import climb, worst_of_each
-from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
 from nurbs_ooc.measure.face_sampler import SampleSet, sample_faces
 from nurbs_ooc.measure.tile_task import Effort, TileTask
 
@@ -29,26 +28,22 @@ def surface_to_tile(task: TileTask, effort: Effort, node_box: Floats | None) -> 
     samples = sample_faces(task.region, effort.per_surface, effort.seed, faces[faces >= 0])
     if node_box is not None:
         _check_boxes(task, samples, node_box)
-    tile = task.tile
-    tree = ClosestPrimitive(tile.positions, as_primitives(tile.triangles, tile.lines, tile.points))
-    distance, _ = tree.query(samples.points)
+    distance, _ = task.tile.tree.query(samples.points)
     task.finding.n_samples += len(distance)
     n_climbs = 1 + len(distance) // SAMPLES_PER_CLIMB
     top = worst_of_each(samples.face, distance, 1 + 4 * n_climbs // max(1, len(faces)))
     top = top[np.argsort(-distance[top], kind="stable")][:n_climbs]
     if len(top):
-        _climb(task, tree, samples.face[top], samples.uv[top], distance[top], effort.per_surface)
+        _climb(task, samples.face[top], samples.uv[top], distance[top], effort.per_surface)
 
 
-def _climb(
-    task: TileTask, tree: ClosestPrimitive, face: Indices, begin: Floats, distance: Floats, per_surface: int
-) -> None:
+def _climb(task: TileTask, face: Indices, begin: Floats, distance: Floats, per_surface: int) -> None:
     region = task.region
     step = (region.bounds[face, 2:] - region.bounds[face, :2]) / np.sqrt(per_surface)
 
     def measure(start: Indices, p: Floats) -> Floats:
         task.finding.n_samples += len(start)
-        return tree.query(p)[0]
+        return task.tile.tree.query(p)[0]
 
     uv, value = climb(region, face, begin, distance, step, measure)
     worst = int(np.argmax(value))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason
+from nurbs_ooc.measure.drawn_tile import DrawnTile
 from nurbs_ooc.measure.gathered import gathered
 from nurbs_ooc.measure.near_boxes import NearBoxes
 from nurbs_ooc.measure.part_source import PartSource
@@ -42,21 +43,6 @@ class PlacedSurfaces:
 
     def __len__(self) -> int:
         return len(self.part)
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnTile:
-    """What a tile draws, in float64: positions (v, 3), and rows in them of triangles, lines and points."""
-
-    positions: Floats
-    triangles: Indices
-    lines: Indices
-    points: Indices
-
-    @property
-    def n_primitives(self) -> int:
-        """How many triangles, lines and points it draws."""
-        return len(self.triangles) + len(self.lines) + len(self.points)
 
 
 @dataclass(frozen=True)

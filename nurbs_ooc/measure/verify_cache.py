@@ -14,12 +14,13 @@ from nurbs_cache.errors import CorruptRecordError, MissingRecordError
 from nurbs_cache.keys import parse_surface_key
 from nurbs_cache.scene_record import PartInfo
 from nurbs_cache.surface_record import GeometryBatch
-from nurbs_cache.tile import decode_tile, tile_counts, tile_hash
+from nurbs_cache.tile import decode_tile, tile_counts, tile_hash, tile_ledger
 from nurbs_ooc.measure.attack_plan import DEFAULT_SAMPLES, TileSize, efforts
 from nurbs_ooc.measure.attack_tile import attack_tile
 from nurbs_ooc.measure.check_tree import check_tree, node_name
+from nurbs_ooc.measure.drawn_tile import DrawnTile, RecentTiles
 from nurbs_ooc.measure.part_source import PartSource
-from nurbs_ooc.measure.tile_task import DrawnTile, Effort, PlacedSurfaces, TileFinding, TileTask
+from nurbs_ooc.measure.tile_task import Effort, PlacedSurfaces, TileFinding, TileTask
 from nurbs_ooc.measure.violation import Violation
 
 SHOWN = 10  # rows of the table of worst ratios
@@ -163,6 +164,7 @@ class CacheAttack:
         self._infos = store.part_infos()
         self._first_surface = np.array([info.first_surface for info in self._infos], np.int64)
         self._parts = PartSource(store)
+        self._recent = RecentTiles(self._drawn, workers + 1)
         self._tiles = [*self._node_tiles(), *self._lod_tiles()]
         self._efforts = efforts([tile.size for tile in self._tiles], samples, seed)
 
@@ -178,11 +180,14 @@ class CacheAttack:
         report.lods = len(self._tiles) - report.nodes
         report.unbuilt = len(self._nodes) - report.nodes
         report.placed_surfaces = sum(tile.size.surfaces for tile in self._tiles)
+        report.sampled_surfaces = sum(
+            len(np.unique(np.concatenate([e.surfaces for e in own]))) for own in self._efforts
+        )
         jobs = [(tile, effort) for tile, own in zip(self._tiles, self._efforts, strict=True) for effort in own]
         pool = ThreadPoolExecutor(self._workers)
         try:
-            for (tile, effort), found in zip(jobs, pool.map(lambda job: self._attack(*job), jobs), strict=True):
-                _count(report, tile, effort, found)
+            for (tile, _), found in zip(jobs, pool.map(lambda job: self._attack(*job), jobs), strict=True):
+                _count(report, tile, found)
                 advance(1)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)  # jobs are short, and they read the store
@@ -222,33 +227,43 @@ class CacheAttack:
         boxes = np.concatenate([own["aabb_min"], own["aabb_max"]], 1)
         return PlacedSurfaces(part, row, occurrence, self._occurrences["transform"], boxes)
 
+    def _drawn(self, name: str) -> DrawnTile:
+        """A tile of the store.
+
+        Raises:
+            CorruptRecordError: it is damaged, or another one under this name.
+            MissingRecordError: there is none.
+        """
+        data = self._store.get_tile(name)
+        if tile_hash(data) != name:
+            raise CorruptRecordError("the tile is not the one its name says")
+        tile = decode_tile(data)
+        return DrawnTile(
+            np.asarray(tile.origin, float) + np.asarray(tile.positions, float),
+            np.asarray(tile.triangles, np.int64).reshape(-1, 3),
+            np.asarray(tile.lines, np.int64).reshape(-1, 2),
+            np.asarray(tile.points, np.int64).ravel(),
+        )
+
     def _attack(self, tile: _Tile, effort: Effort) -> TileFinding:
         """One job, in any thread."""
         try:
-            data = self._store.get_tile(tile.name)
-            decoded = decode_tile(data)
-            if tile_hash(data) != tile.name:
-                raise CorruptRecordError("the tile is not the one its name says")
+            drawn = self._recent[tile.name]
+            ledger = tile_ledger(self._store.get_tile(tile.name)).total
         except (CorruptRecordError, MissingRecordError) as error:
             return TileFinding(violations=[Violation(f"{tile.where}: {error}", tile.row, "damaged")])
-        drawn = DrawnTile(
-            np.asarray(decoded.origin, float) + np.asarray(decoded.positions, float),
-            np.asarray(decoded.triangles, np.int64).reshape(-1, 3),
-            np.asarray(decoded.lines, np.int64).reshape(-1, 2),
-            np.asarray(decoded.points, np.int64).ravel(),
-        )
         box = None
         if tile.items is not None:
             node = self._nodes[tile.row]
             box = np.concatenate([node["aabb_min"], node["aabb_max"]])
         task = TileTask(self._parts, self._placed(tile), drawn, tile.error, tile.where, tile.row)
         found = attack_tile(task, effort, box)
-        if decoded.ledger.total > tile.error:
-            task.broken("below its ledger", decoded.ledger.total)
+        if ledger > tile.error:
+            task.broken("below its ledger", ledger)
         return found
 
 
-def _count(report: CacheReport, tile: _Tile, effort: Effort, found: TileFinding) -> None:
+def _count(report: CacheReport, tile: _Tile, found: TileFinding) -> None:
     """Add a job's outcome; jobs of one tile come one after the other, and say what they have in common once."""
     if not report.measured or report.measured[-1].where != tile.where:
         report.measured.append(Measured(tile.where, tile.level, tile.error))
@@ -257,7 +272,6 @@ def _count(report: CacheReport, tile: _Tile, effort: Effort, found: TileFinding)
     measured.surface_to_tile = max(measured.surface_to_tile, found.surface_to_tile)
     measured.tile_to_surface = max(measured.tile_to_surface, found.tile_to_surface)
     report.samples += found.n_samples
-    report.sampled_surfaces += len(effort.surfaces)
     report.skipped_surfaces += found.skipped_surfaces
     report.undecided += found.undecided
     known = {(v.where, v.kind) for v in report.violations if v.row == tile.row}
