@@ -2,9 +2,10 @@
 
 A triangle deviates from the surface by at most its ``triangle_bound``, for which second derivatives
 are bounded over its parameter box, plus what creases inside the box add. Triangles are checked one by
-one; one that fails gets a point on its longest free edge, or, where its boundary edge is the longest, a
-point between that edge and the opposite corner; the flips that follow measure lengths as the error
-does at that place. Boundary edges are never split here: they belong to two faces.
+one; one that fails has an edge flipped if that helps both sides, or else gets a point on its longest
+free edge, or, where its boundary edge is the longest, between that edge and the opposite corner; the
+flips that follow measure lengths as the error does at that place. Boundary edges are never split here:
+they belong to two faces.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
 from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
+from nurbs_ooc.geometry.predicates import orient
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, cell_bounds
 from nurbs_ooc.tessellation.triangulate import (
+    ADJACENT,
     CHECKED,
     FIXED,
     INSIDE,
@@ -31,7 +34,9 @@ from nurbs_ooc.tessellation.triangulate import (
     N_POINTS,
     N_TRIANGLES,
     Triangulation,
+    flip,
     locate,
+    opposite,
     split,
 )
 
@@ -171,14 +176,32 @@ def _corners_bound(
 
 
 @leaf
+def _bound_of(
+    g: Tables,
+    p: Pieces,
+    row: int,
+    c: Cells,
+    f: Frame,
+    t: Triangulation,
+    i: int,
+    j: int,
+    k: int,
+    check: Check,
+    enough: float,
+) -> float:
+    """Deviation bound of the triangle of points i, j and k, mm, as good as ``enough`` or the best known."""
+    a, b, d = t.points[i], t.points[j], t.points[k]
+    return _corners_bound(
+        g, p, row, c, f, check, enough, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+    )
+
+
+@leaf
 def _bound(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check, enough: float
 ) -> float:
     """Deviation bound of triangle k, mm, as good as ``enough`` or the best known."""
-    a, b, d = t.points[t.tri[k, 0]], t.points[t.tri[k, 1]], t.points[t.tri[k, 2]]
-    return _corners_bound(
-        g, p, row, c, f, check, enough, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
-    )
+    return _bound_of(g, p, row, c, f, t, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2], check, enough)
 
 
 @leaf
@@ -209,6 +232,28 @@ def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
     """The bound of the edge a-b alone, under the second derivatives ``m``."""
     x, y = abs(t.points[a, 0] - t.points[b, 0]) * f.du, abs(t.points[a, 1] - t.points[b, 1]) * f.dv
     return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
+
+
+@leaf
+def _flip_to_fit(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, target: float, check: Check
+) -> bool:
+    """Flip a free edge of triangle k if both triangles then keep the target; whether there is such an edge."""
+    for i in range(3):
+        o = t.tri[k, ADJACENT + i]
+        if t.tri[k, FIXED + i] > 0 or o < 0 or t.tri[o, INSIDE] == 0:
+            continue
+        tip, a, b = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        far = opposite(t, o, k)
+        if orient(t.points, tip, a, far) <= 0 or orient(t.points, tip, far, b) <= 0:
+            continue
+        if (
+            _bound_of(g, p, row, c, f, t, tip, a, far, check, target) <= target
+            and _bound_of(g, p, row, c, f, t, tip, far, b, check, target) <= target
+        ):
+            flip(t, k, i)
+            return True
+    return False
 
 
 @leaf
@@ -309,11 +354,12 @@ def certify(
                 if alone > target:
                     _blame(t, k, fixed, alone / target, blame)
                     code = LONG_EDGE
+                elif _flip_to_fit(g, p, row, c, f, t, k, target, check):
+                    again, bound = True, 0.0
                 elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
                     return FULL, worst
                 if t.n[N_POINTS] > before:
-                    again = True
-                    bound = 0.0
+                    again, bound = True, 0.0
             # Of a triangle that stays; one that goes later counts too, and had a bound within the target.
             worst = max(worst, bound)
             k += 1

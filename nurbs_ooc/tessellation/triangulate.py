@@ -95,6 +95,12 @@ def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
 
 
 @leaf
+def opposite(t: Triangulation, triangle: int, neighbour: int) -> int:
+    """The corner of ``triangle`` that faces ``neighbour``."""
+    return t.tri[triangle, _side(t, triangle, neighbour)]
+
+
+@leaf
 def _set(
     t: Triangulation, k: int, a: int, b: int, c: int, n0: int, n1: int, n2: int, f0: int, f1: int, f2: int
 ) -> None:
