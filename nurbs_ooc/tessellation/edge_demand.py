@@ -21,8 +21,8 @@ from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, box_bounds
 from nurbs_ooc.geometry.curve import NURBS
+from nurbs_ooc.geometry.surface import CONE, PLANE, REVOLUTION, SPHERE, TORUS
 from nurbs_ooc.geometry.surface import NURBS as NURBS_SURFACE
-from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
 
@@ -123,6 +123,21 @@ def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool
 
 
 @leaf
+def _turned_mixed(g: Tables, row: int, bounds: Floats) -> float:
+    """Bound of |S_uv| of a surface of revolution, of which its triangles' own bound is free.
+
+    A chord of a boundary that runs aslant lies on the surface's own triangles, but not where the boundary
+    runs: it is off to the side, and so belongs to the trim error. |S_uv| is the part of S_v away from the axis.
+    """
+    s = g.surfaces[row]
+    if s.kind == CONE:
+        return abs(math.sin(g.values[s.frame + 13]))
+    if s.kind == SPHERE or s.kind == TORUS or s.kind == REVOLUTION:
+        return float(bounds[LV])
+    return 0.0
+
+
+@leaf
 def _demand(
     g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, a: float, b: float, error: float, exact: bool,
     d: Demand,
@@ -156,18 +171,20 @@ def _demand(
             # A pole has no length: let the columns of the whole face decide.
             u0, u1, v0, v1 = s.u0, s.u1, s.v0, s.v1
         # An end at a knot does not look beyond it because of roundoff.
-        du, dv = min(SAME_BREAK * (s.u1 - s.u0), 0.5 * (u1 - u0)), min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
-        box_bounds(g, p, row, u0 + du, u1 - du, v0 + dv, v1 - dv, d.work, bounds)
+        hair_u = min(SAME_BREAK * (s.u1 - s.u0), 0.5 * (u1 - u0))
+        hair_v = min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
+        box_bounds(g, p, row, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, d.work, bounds)
+        du, dv = part[D1_X], part[D1_X + 1]
         if edge.curve >= 0:
             if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:
                 sliver = bounds[LU] * part[D2] * square
                 worst = max(worst, sliver / error)
             else:
                 sliver = (bounds[LU] * part[D2_X] + bounds[LV] * part[D2_X + 1]) * square
+                sliver += 2.0 * _turned_mixed(g, row, bounds) * du * dv * square
                 worst = max(worst, sliver / (error * (1.0 if s.kind == PLANE else TRIM_SHARE)))
             slot = min(use - uses.first[e], MAX_USES - 1)
             d.trims[slot] = max(d.trims[slot], sliver)
-        du, dv = part[D1_X], part[D1_X + 1]
         bend = (bounds[MUU] * du * du + 2.0 * bounds[MUV] * du * dv + bounds[MVV] * dv * dv) * square
         if bend > 0.0:
             curved = part[D2_X] > 0.0 or part[D2_X + 1] > 0.0

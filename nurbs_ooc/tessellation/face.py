@@ -64,9 +64,6 @@ SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 MAX_BLAMES = 256
-# Cells plan for less than the whole error: triangles that reach over a border between cells then keep it more often,
-# and a triangle that must be split wastes more than the margin (measured: fewer triangles in less time).
-CELL_SHARE = 0.8
 
 
 @leaf
@@ -199,7 +196,7 @@ def tessellate_face(
             _ask_all(b, wanted)
             return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
         return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
-    cell_error = 1e300 if flat else CELL_SHARE * target
+    cell_error = 1e300 if flat else target
     c = build_cells(g, p, row, b.box, cell_error, cell_scratch)
     if flat:
         closed_form_bounds(g, row, b.box[0], b.box[1], b.box[2], b.box[3], check.work, check.bounds)

@@ -97,7 +97,10 @@ def test_a_bit_more_halves_what_quantisation_costs() -> None:
     mesh = tessellate(_batch(add_sphere), 1e-2)
     curve = quantisation_curve([mesh])
     moved = np.array([p.moved_mm for p in curve])
-    assert np.allclose(moved[:-1] / moved[1:], 2.0, rtol=0.1)
+    # One grid may happen to suit the vertices better than the next; over all bits that evens out.
+    steps = moved[:-1] / moved[1:]
+    assert np.allclose(steps, 2.0, rtol=0.3)
+    assert np.isclose(np.exp(np.log(steps).mean()), 2.0, rtol=0.05)
     assert (np.diff([p.bytes for p in curve]) > 0).all()
     bits = bits_for(mesh, 1e-2)
     assert next(p for p in curve if p.bits == bits).moved_mm <= 0.25e-2

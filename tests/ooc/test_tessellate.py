@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.surface_record import FaceStatus, GeometryBatch
-from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_cache.surface_record import FaceStatus, GeometryBatch, SurfaceKind
+from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
+from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
 from nurbs_ooc.geometry.sample_faces import add_cone, add_cylinder, add_patch, add_plane, add_sphere, add_torus
+from nurbs_ooc.measure.attack_mesh import attack_mesh
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.tessellate import tessellate
 
@@ -104,7 +106,37 @@ def test_hyperbolic_paraboloid_needs_its_vertical_error() -> None:
     fine = tessellate(batch, 1e-3)
     p = _inside_triangles(fine, 8)
     assert np.abs(p[:, 2] - p[:, 0] * p[:, 1]).max() <= fine.certified_error.max() <= 1e-3
-    assert abs(_area(fine) - 1.2807892753) < 1e-3
+    assert abs(_area(tessellate(batch, 1e-4)) - 1.2807892753) < 2e-4
+
+
+@pytest.mark.parametrize("kind", [SurfaceKind.CONE, SurfaceKind.SPHERE, SurfaceKind.TORUS])
+def test_boundary_aslant_on_a_surface_of_revolution_keeps_its_bound(kind: SurfaceKind) -> None:
+    # The 3D edges are chords with no error of their own: only the p-curve's image leaves them, sideways too.
+    form = SurfaceForm.framed(kind, (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), 5.4, 1.18, domain=(0.0, 0.5, -1.0, 0.5))
+    corners = np.array([[0.0, -0.9], [0.5, -0.9], [0.04, 0.0]])
+    builder = BatchBuilder()
+    builder.surface(form)
+    places = np.array([_on_turned(kind, 5.4, 1.18, u, v) for u, v in corners])
+    vertices = [builder.vertex(p) for p in places]
+    coedges = []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        edge = builder.edge(CurveForm.line(places[i], places[j]), vertices[i], vertices[j])
+        coedges.append(Coedge(edge, CurveForm.line(corners[i], corners[j])))
+    builder.loop(coedges)
+    batch = builder.build()
+    for error in (0.1, 0.03, 0.004):
+        mesh = tessellate(batch, error)
+        report = attack_mesh(batch, mesh, samples=4000)
+        assert not report.violations
+
+
+def _on_turned(kind: SurfaceKind, a: float, b: float, u: float, v: float) -> tuple[float, float, float]:
+    rho, z = {
+        SurfaceKind.CONE: (a + v * math.sin(b), v * math.cos(b)),
+        SurfaceKind.SPHERE: (a * math.cos(v), a * math.sin(v)),
+        SurfaceKind.TORUS: (a + b * math.cos(v), b * math.sin(v)),
+    }[kind]
+    return rho * math.cos(u), rho * math.sin(u), z
 
 
 def test_result_does_not_depend_on_workers_or_on_the_faces_asked_for() -> None:
