@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nurbs_cache.errors import CorruptRecordError, UsageError
-from nurbs_cache.keys import NodeKey, number_key, parse_number_key, surface_key, tile_key
+from nurbs_cache.keys import NodeKey, number_key, parse_number_key, parse_surface_key, surface_key, tile_key
 
 KEYS = st.builds(NodeKey, st.integers(0, 99_999), st.text("01234567", max_size=30))
 
@@ -66,9 +66,12 @@ def test_number_keys_sort_like_numbers(numbers: list[int]) -> None:
 
 def test_byte_keys() -> None:
     assert surface_key(258) == b"\0\0\0\0\0\0\1\2"
+    assert parse_surface_key(surface_key(258)) == 258
     assert tile_key("00ff" * 8) == bytes.fromhex("00ff" * 8)
     with pytest.raises(CorruptRecordError):
         parse_number_key(b"abc")
+    with pytest.raises(CorruptRecordError):
+        parse_surface_key(b"abcd")
     for text in ("", "0" * 31, "G" * 32, "A" * 32, b"\xff" * 32):
         with pytest.raises(UsageError):
             tile_key(text)
