@@ -66,7 +66,12 @@ def test_ctrl_c_ends_it_with_one_line_and_no_thread_left(tmp_path: Path, monkeyp
     path, bar = _on_disk(tmp_path / "c", 1.0), _Impatient()
     monkeypatch.setattr(Console, "progress", lambda *_: nullcontext(bar))
     threads = threading.active_count()
-    result = CliRunner().invoke(command, [str(path), "--samples", "5000000", "--workers", "2", "--json"])
+    # A suite that was started in the background inherits a Ctrl-C that is ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        result = CliRunner().invoke(command, [str(path), "--samples", "5000000", "--workers", "2", "--json"])
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert result.exit_code == 130
     assert result.stdout == ""
     assert result.stderr.count("\n") == 1
