@@ -102,7 +102,9 @@ def quantise_positions(positions: npt.NDArray[np.float64], grid: Grid) -> tuple[
     base_x, base_y, base_z = grid.base
     squares, single = _quantise(positions, 1.0 / grid.step, base_x, base_y, base_z, steps)
     moved = math.sqrt(squares) if squares > _SAFE_SQUARE else single * math.sqrt(3.0)
-    return steps, moved * _ROUND_UP * grid.step
+    distance = moved * _ROUND_UP * grid.step
+    # Among subnormal numbers a product has no bits left to be rounded up in.
+    return steps, math.nextafter(distance, math.inf) if distance > 0.0 else 0.0
 
 
 def box_of(positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
