@@ -28,6 +28,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 UNUSED_DAYS = 30  # kernels that no run has looked at for so long are removed
+# What a ``leaf`` may return: nothing that could be an array or hold one.
+_SCALARS = re.compile(r"(None|int|float|bool|tuple\[(int|float|bool)(, (int|float|bool))*\])")
 _IMPORT = re.compile(rb"^\s*(?:from|import)\s+(nurbs_\w+(?:\.\w+)*)(?:\s+import\s+([^\n(#]+))?", re.MULTILINE)
 
 
@@ -132,10 +134,6 @@ def helper(function: Callable[P, R]) -> Callable[P, R]:
         "Callable[P, R]",
         numba.njit(function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True),
     )
-
-
-# What a ``leaf`` may return: nothing that could be an array or hold one.
-_SCALARS = re.compile(r"(None|int|float|bool|tuple\[(int|float|bool)(, (int|float|bool))*\])")
 
 
 def leaf(function: Callable[P, R]) -> Callable[P, R]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
+from nurbs_ooc.accuracy.face_meshes import collect_faces
 from nurbs_ooc.accuracy.open_cascade_shape import FaceNotBuiltError, ShapeBuilder
 from nurbs_ooc.geometry.surface import evaluate
 from nurbs_ooc.tessellation.mesh import MeshBatch
@@ -94,8 +95,7 @@ def _triangles(face: Any) -> Triangles | None:
 
 def _collect(shape: Shape, deflection: float) -> MeshBatch:
     n = len(shape.faces)
-    starts = np.zeros((n + 1, 2), np.int64)
-    points, normals, uvs, triangles = [], [], [], []
+    faces = []
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.uint16)
     for row, face in enumerate(shape.faces):
         found = _triangles(face)
@@ -104,24 +104,5 @@ def _collect(shape: Shape, deflection: float) -> MeshBatch:
             refused = face is None
             status[row] = FaceStatus.FAILED
             reason[row] = FaceReason.KERNEL_REFUSED if refused else FaceReason.NO_TRIANGLES
-        points.append(xyz)
-        normals.append(evaluate(shape.geometry, row, uv)[1])
-        uvs.append(uv)
-        triangles.append(t + starts[row, 0])
-        starts[row + 1] = starts[row] + (len(xyz), len(t))
-    return MeshBatch(
-        faces=np.arange(n),
-        vertex_start=starts[:, 0].copy(),
-        triangle_start=starts[:, 1].copy(),
-        segment_start=np.zeros(n + 1, np.int64),
-        positions=np.concatenate([*points, np.empty((0, 3))]),
-        normals=np.concatenate([*normals, np.empty((0, 3))]),
-        parameters=np.concatenate([*uvs, np.empty((0, 2))]),
-        triangles=np.concatenate([*triangles, np.empty((0, 3), np.int64)]),
-        segments=np.empty((0, 2), np.int64),
-        surface_error=np.full(n, deflection),
-        trim_error=np.zeros(n),
-        pcurve_error=np.zeros(n),
-        status=status,
-        reason=reason,
-    )
+        faces.append((xyz, evaluate(shape.geometry, row, uv)[1], uv, t))
+    return collect_faces(faces, deflection, status, reason)

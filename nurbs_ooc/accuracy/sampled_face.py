@@ -22,11 +22,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import helper, kernel, leaf
 from nurbs_ooc.geometry.curve import curve_point
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import NURBS, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
 from nurbs_ooc.tessellation.triangulate import (
     FIXED,
     INSIDE,
@@ -35,8 +36,6 @@ from nurbs_ooc.tessellation.triangulate import (
     N_POINTS,
     N_TRIANGLES,
     Triangulation,
-    flood_inside,
-    insert_constraint,
     insert_point,
     new_triangulation,
 )
@@ -50,7 +49,7 @@ MAX_DEPTH = 24  # halvings of a cell or of a piece of boundary
 READY, FULL, CROSSED = 0, 1, 2  # codes of ``sampled_face``
 
 
-@helper
+@leaf
 def _chord_deviation(
     g: Tables, row: int, pcurve: int, a: float, b: float, scratch: Floats, at: Floats, s: Floats
 ) -> float:
@@ -129,7 +128,7 @@ def _boundary(
     return n
 
 
-@helper
+@leaf
 def _cell_estimate(g: Tables, row: int, box: Floats, scratch: Floats, s: Floats) -> tuple[float, bool]:
     """What nine samples say of a cell's error, mm, and whether to halve it in u."""
     for i in range(3):
@@ -155,7 +154,7 @@ def _cell_estimate(g: Tables, row: int, box: Floats, scratch: Floats, s: Floats)
     return worst, in_u >= in_v
 
 
-@helper
+@leaf
 def _breaks(g: Tables, row: int, axis: int, low: float, high: float, out: Floats) -> int:
     """Bounds of the Bézier pieces along u (0) or v (1) within [low, high]; how many."""
     s = g.surfaces[row]
@@ -216,7 +215,7 @@ def _cell_points(
     return n
 
 
-@helper
+@leaf
 def _worst_middle(
     g: Tables, row: int, t: Triangulation, k: int, f: Floats, scratch: Floats, s: Floats
 ) -> tuple[float, int]:
@@ -241,7 +240,7 @@ def _worst_middle(
     return math.sqrt(worst), edge
 
 
-@helper
+@leaf
 def _halve_edges(g: Tables, row: int, t: Triangulation, f: Floats, error: float, scratch: Floats, s: Floats) -> None:
     """Insert middles of inner edges that are more than ``error`` off, while there is room."""
     for _ in range(MAX_PASSES):

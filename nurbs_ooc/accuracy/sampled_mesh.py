@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
+from nurbs_ooc.accuracy.face_meshes import collect_faces
 from nurbs_ooc.accuracy.sampled_face import CROSSED, FULL, READY, sampled_face
 from nurbs_ooc.geometry.surface import evaluate
 from nurbs_ooc.geometry.tables import Tables, tables
@@ -48,11 +49,9 @@ def _face(g: Tables, row: int, error: float, grid: int) -> tuple[int, Floats, In
 
 def _mesh(geometry: GeometryBatch, error: float, grid: int) -> MeshBatch:
     g = tables(geometry)
-    n = len(geometry)
-    points, normals, uvs, triangles = [], [], [], []
-    starts = np.zeros((n + 1, 2), np.int64)
+    faces = []
     status, reason = geometry.surfaces["status"].copy(), geometry.surfaces["reason"].copy()
-    for row in range(n):
+    for row in range(len(geometry)):
         code, uv, t = READY, np.empty((0, 2)), np.empty((0, 3), np.int64)
         if status[row] != FaceStatus.FAILED:
             code, uv, t = _face(g, row, error, grid)
@@ -64,24 +63,5 @@ def _mesh(geometry: GeometryBatch, error: float, grid: int) -> MeshBatch:
         if status[row] < FaceStatus.DEGRADED and (code == CROSSED or not len(t)):
             status[row] = FaceStatus.DEGRADED
             reason[row] = FaceReason.LOOPS_CROSS if len(t) else FaceReason.NO_TRIANGLES
-        points.append(p)
-        normals.append(normal)
-        uvs.append(uv)
-        triangles.append(t + starts[row, 0])
-        starts[row + 1] = starts[row] + (len(p), len(t))
-    return MeshBatch(
-        faces=np.arange(n),
-        vertex_start=starts[:, 0].copy(),
-        triangle_start=starts[:, 1].copy(),
-        segment_start=np.zeros(n + 1, np.int64),
-        positions=np.concatenate([*points, np.empty((0, 3))]),
-        normals=np.concatenate([*normals, np.empty((0, 3))]),
-        parameters=np.concatenate([*uvs, np.empty((0, 2))]),
-        triangles=np.concatenate([*triangles, np.empty((0, 3), np.int64)]),
-        segments=np.empty((0, 2), np.int64),
-        surface_error=np.full(n, error),
-        trim_error=np.zeros(n),
-        pcurve_error=np.zeros(n),
-        status=status.astype(np.uint8),
-        reason=reason.astype(np.uint16),
-    )
+        faces.append((p, normal, uv, t))
+    return collect_faces(faces, error, status, reason)

@@ -48,7 +48,7 @@ def largest_cosine(a: float, b: float) -> float:
 
 
 @leaf
-def profile_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
+def profile_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
     """Over [a, b] of a profile curve: |C'|, |C''| and the distance from the surface's axis, span by span."""
     s = g.surfaces[row]
     c = g.curves[s.profile]
@@ -71,18 +71,16 @@ def profile_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: F
             # A box that ends a few units of roundoff beyond a knot: differences over so little are roundoff.
             span = find_span(g.values, c.knots, c.n, c.degree, 0.5 * (low + high))
             start, end = g.values[c.knots + span], g.values[c.knots + span + 1]
-        curve_bounds(g, s.profile, start, end, work, part)
+        curve_bounds(g, s.profile, start, end, part)
         out[0] = max(out[0], part[D1])
         out[1] = max(out[1], part[D2])
         if s.kind == REVOLUTION:
-            out[2] = max(out[2], axis_distance(g, s.profile, start, end, s.frame, work))
+            out[2] = max(out[2], axis_distance(g, s.profile, start, end, s.frame))
         low = high
 
 
 @leaf
-def closed_form_bounds(
-    g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, work: Floats, out: Floats
-) -> None:
+def closed_form_bounds(g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
     """Write |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv| over the box to ``out``, for every kind but NURBS."""
     s = g.surfaces[row]
     f = s.frame
@@ -116,12 +114,12 @@ def closed_form_bounds(
         out[MUU], out[MVV] = rho, abs(b)
     elif s.kind == REVOLUTION:
         part = local_line(3)
-        profile_bounds(g, row, v0, v1, work, part)
+        profile_bounds(g, row, v0, v1, part)
         out[LU], out[LV] = part[2], part[0]
         out[MUU], out[MVV] = part[2], part[1]
     elif s.kind == EXTRUSION:
         part = local_line(3)
-        profile_bounds(g, row, u0, u1, work, part)
+        profile_bounds(g, row, u0, u1, part)
         out[LU], out[LV], out[MUU] = part[0], _norm(g, f + 9), part[1]
     for k in range(5):
         out[k] *= OUTWARD

@@ -1,7 +1,7 @@
 """Bounds of a curve over a parameter interval: derivatives by norm and component, and a box.
 
 The interval must lie within one knot span (up to roundoff); the Bézier net over exactly that
-interval is built by blossoming, so bounds tighten as intervals shrink.
+interval is built from its weights, so bounds tighten as intervals shrink.
 """
 
 from __future__ import annotations
@@ -110,72 +110,88 @@ def _straight_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> No
 
 
 @leaf
-def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Floats) -> None:
-    """Write the bounds of curve ``row`` over [a, b] to ``out`` (SIZE,); ``work`` is (3, MAX_DEGREE + 2, 4)."""
+def _weights(net: Floats, p: int, n: int, h: float, center: Floats) -> tuple[float, float, float]:
+    """Least weight of a rational net and bounds of the weight's two derivatives; the ends' middle to ``center``."""
+    least = net[0, n]
+    first = 0.0
+    second = 0.0
+    for i in range(p + 1):
+        least = min(least, net[i, n])
+    for i in range(p):
+        first = max(first, p * abs(net[i + 1, n] - net[i, n]) / h)
+    for i in range(p - 1):
+        second = max(second, p * (p - 1) * abs(net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) / (h * h))
+    for k in range(n):
+        center[k] = 0.5 * (net[0, k] / net[0, n] + net[p, k] / net[p, n])
+    return least, first, second
+
+
+@leaf
+def _box(net: Floats, p: int, n: int, rational: bool, center: Floats, radius: Floats, out: Floats) -> float:
+    """The net's box to ``out``, its reach from ``center`` by component to ``radius``; returns the largest distance."""
+    farthest = 0.0
+    for k in range(n):
+        radius[k] = 0.0
+        out[LOW + k], out[HIGH + k] = np.inf, -np.inf
+    for i in range(p + 1):
+        size = 0.0
+        for k in range(n):
+            x = net[i, k] / net[i, n] if rational else net[i, k]
+            out[LOW + k], out[HIGH + k] = min(out[LOW + k], x), max(out[HIGH + k], x)
+            radius[k] = max(radius[k], abs(x - center[k]))
+            size += (x - center[k]) ** 2
+        farthest = max(farthest, math.sqrt(size))
+    return farthest
+
+
+@leaf
+def _differences(net: Floats, p: int, n: int, rational: bool, h: float, center: Floats, out: Floats) -> None:
+    """Largest first and second differences of the net, less ``center`` times its weights if rational, to ``out``."""
+    for i in range(p):
+        first = 0.0
+        second = 0.0
+        for k in range(n):
+            d = net[i + 1, k] - net[i, k]
+            if rational:
+                d -= (net[i + 1, n] - net[i, n]) * center[k]
+            d *= p / h
+            out[D1_X + k] = max(out[D1_X + k], abs(d))
+            first += d * d
+            if i < p - 1:
+                d = net[i + 2, k] - 2.0 * net[i + 1, k] + net[i, k]
+                if rational:
+                    d -= (net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) * center[k]
+                d *= p * (p - 1) / (h * h)
+                out[D2_X + k] = max(out[D2_X + k], abs(d))
+                second += d * d
+        out[D1] = max(out[D1], math.sqrt(first))
+        out[D2] = max(out[D2], math.sqrt(second))
+
+
+@leaf
+def curve_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
+    """Write the bounds of curve ``row`` over [a, b], a < b inside one knot span, to ``out`` (SIZE,)."""
     c = g.curves[row]
     for k in range(SIZE):
         out[k] = 0.0
     if c.kind != NURBS:
         _conic_bounds(g, row, a, b, out)
         return
-    n = int(c.dim)
-    h = b - a
     if c.degree == 1 and c.rational == 0:
         _straight_bounds(g, row, a, b, out)
         return
-    net = work[1]
+    n = int(c.dim)
+    rational = c.rational != 0
+    net = local_table(LINE, 4)
     curve_net(g, row, a, b, net)
-    p = c.degree
     radius = local_line(3)
     center = local_line(3)
-    w_min = 1.0
-    w1 = 0.0
-    w2 = 0.0
-    r = 0.0
-    for k in range(n):
-        radius[k], center[k] = 0.0, 0.0
-        out[LOW + k] = np.inf
-        out[HIGH + k] = -np.inf
-    if c.rational:
-        w_min = net[0, n]
-        for i in range(p + 1):
-            w_min = min(w_min, net[i, n])
-        for k in range(n):
-            center[k] = 0.5 * (net[0, k] / net[0, n] + net[p, k] / net[p, n])
-        for i in range(p):
-            w1 = max(w1, p * abs(net[i + 1, n] - net[i, n]) / h)
-        for i in range(p - 1):
-            w2 = max(w2, p * (p - 1) * abs(net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) / (h * h))
-    for i in range(p + 1):
-        size = 0.0
-        for k in range(n):
-            x = net[i, k] / net[i, n] if c.rational else net[i, k]
-            out[LOW + k] = min(out[LOW + k], x)
-            out[HIGH + k] = max(out[HIGH + k], x)
-            radius[k] = max(radius[k], abs(x - center[k]))
-            size += (x - center[k]) ** 2
-        r = max(r, math.sqrt(size))
-    for i in range(p):
-        size = 0.0
-        for k in range(n):
-            d = net[i + 1, k] - net[i, k]
-            if c.rational:
-                d -= (net[i + 1, n] - net[i, n]) * center[k]
-            d = p * d / h
-            out[D1_X + k] = max(out[D1_X + k], abs(d))
-            size += d * d
-        out[D1] = max(out[D1], math.sqrt(size))
-    for i in range(p - 1):
-        size = 0.0
-        for k in range(n):
-            d = net[i + 2, k] - 2.0 * net[i + 1, k] + net[i, k]
-            if c.rational:
-                d -= (net[i + 2, n] - 2.0 * net[i + 1, n] + net[i, n]) * center[k]
-            d = p * (p - 1) * d / (h * h)
-            out[D2_X + k] = max(out[D2_X + k], abs(d))
-            size += d * d
-        out[D2] = max(out[D2], math.sqrt(size))
-    if c.rational:
+    for k in range(3):
+        center[k] = 0.0
+    w_min, w1, w2 = _weights(net, c.degree, n, b - a, center) if rational else (1.0, 0.0, 0.0)
+    r = _box(net, c.degree, n, rational, center, radius, out)
+    _differences(net, c.degree, n, rational, b - a, center, out)
+    if rational:
         # Quotient rule, by norm and by component.
         out[D1] = (out[D1] + r * w1) / w_min
         out[D2] = (out[D2] + 2.0 * w1 * out[D1] + r * w2) / w_min
@@ -187,13 +203,13 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, work: Floats, out: Flo
 
 
 @leaf
-def axis_distance(g: Tables, row: int, a: float, b: float, axis: int, work: Floats) -> float:
+def axis_distance(g: Tables, row: int, a: float, b: float, axis: int) -> float:
     """Largest distance of the curve over [a, b] from the axis of the frame at ``axis`` (offset in values)."""
     c = g.curves[row]
     best = 0.0
     count = 2
     extra = 0.0
-    net = work[1]
+    net = local_table(LINE, 4)
     n = 3
     if c.kind == NURBS:
         curve_net(g, row, a, b, net)

@@ -47,7 +47,8 @@ def _next_break(g: Tables, row: int, at: float, i: int) -> tuple[float, int]:
 def _count(g: Tables, counts: Ints) -> None:
     for row in range(len(g.curves)):
         c = g.curves[row]
-        if not c.t0 < c.t1:
+        # What ``sound_tables`` refuses has no pieces: faces along it are FAILED, and nobody asks.
+        if not c.t0 < c.t1 or (c.kind == NURBS and not 0 < c.degree <= min(MAX_DEGREE, c.n - 1)):
             continue
         at = c.t0
         i = c.degree + 1
@@ -58,14 +59,13 @@ def _count(g: Tables, counts: Ints) -> None:
 
 @kernel
 def _fill(g: Tables, p: CurvePieces) -> None:
-    work = np.empty((3, MAX_DEGREE + 2, 4))
     for row in range(len(g.curves)):
         at = g.curves[row].t0
         i = g.curves[row].degree + 1
         for k in range(p.first[row], p.first[row + 1]):
             end, i = _next_break(g, row, at, i)
             p.start[k] = at
-            curve_bounds(g, row, at, end, work, p.bounds[k])
+            curve_bounds(g, row, at, end, p.bounds[k])
             at = end
 
 
@@ -73,7 +73,10 @@ def curve_pieces(g: Tables) -> CurvePieces:
     """Bounds of every piece of every curve of a part.
 
     Args:
-        g: the part's tables.
+        g: the part's tables, sound (see ``sound_tables``).
+
+    Returns:
+        The pieces; a curve of which none can be made has none.
     """
     counts = np.zeros(len(g.curves), np.int64)
     _count(g, counts)

@@ -189,26 +189,43 @@ def find_break(p: Pieces, at: int, n: int, t: float) -> int:
 
 
 @leaf
-def box_bounds(
-    g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, work: Floats, out: Floats
-) -> None:
-    """Derivative bounds over a parameter box of any surface: closed form, or the largest of the pieces it meets."""
+def _pieces_met(p: Pieces, at: int, n: int, low: float, high: float) -> tuple[int, int]:
+    """First and last but one of the ``n`` pieces of one direction that meet [low, high]; one at least."""
+    first = find_break(p, at, n, low)
+    end = first + 1
+    while end < n and p.breaks[at + end, 0] < high:
+        end += 1
+    return first, end
+
+
+@leaf
+def box_bounds(g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
+    """Derivative bounds (5,) over a parameter box of any surface: closed form, or the largest of its pieces there."""
     if g.surfaces[row].kind != NURBS:
-        closed_form_bounds(g, row, u0, u1, v0, v1, work, out)
+        closed_form_bounds(g, row, u0, u1, v0, v1, out)
         return
     for k in range(5):
         out[k] = 0.0
-    i0 = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
-    j0 = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
-    i = i0
-    while i < p.table[row, N_U] and (i == i0 or p.breaks[p.table[row, BREAK_U] + i, 0] < u1):
-        j = j0
-        while j < p.table[row, N_V] and (j == j0 or p.breaks[p.table[row, BREAK_V] + j, 0] < v1):
+    i0, i1 = _pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
+    j0, j1 = _pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
+    for i in range(i0, i1):
+        for j in range(j0, j1):
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             for k in range(5):
                 out[k] = max(out[k], p.bounds[piece, k])
-            j += 1
-        i += 1
+
+
+@leaf
+def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
+    """The box of each second derivative over a parameter box of a B-spline surface, to ``out`` (BOXES,)."""
+    for m in range(3):
+        for k in range(3):
+            out[6 * m + k], out[6 * m + 3 + k] = np.inf, -np.inf
+    i0, i1 = _pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
+    j0, j1 = _pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            unite(p.boxes[p.table[row, FIRST] + i * p.table[row, N_V] + j], out)
 
 
 @leaf
@@ -222,21 +239,3 @@ def creases_in_box(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: flo
             low, high = (u0, u1) if direction == 0 else (v0, v1)
             charge += crease_charge(p.breaks[at : at + n + 1], n, find_break(p, at, n, low), low, high)
     return charge
-
-
-@leaf
-def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
-    """The box of each second derivative over a parameter box of a B-spline surface, to ``out`` (BOXES,)."""
-    for m in range(3):
-        for k in range(3):
-            out[6 * m + k], out[6 * m + 3 + k] = np.inf, -np.inf
-    i0 = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
-    j0 = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
-    i = i0
-    while i < p.table[row, N_U] and (i == i0 or p.breaks[p.table[row, BREAK_U] + i, 0] < u1):
-        j = j0
-        while j < p.table[row, N_V] and (j == j0 or p.breaks[p.table[row, BREAK_V] + j, 0] < v1):
-            piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
-            unite(p.boxes[piece], out)
-            j += 1
-        i += 1

@@ -40,8 +40,8 @@ WIRE = TopAbs_ShapeEnum.TopAbs_WIRE
 EDGE = TopAbs_ShapeEnum.TopAbs_EDGE
 
 ROUNDING = 1e-9  # relative: p-curve ends closer than this are equal
-SLIVER_SHARE = 0.05  # of its box: a loop that fills less has its area sampled
-SLIVER_SAMPLES = 33
+SLIVER_SHARE = 0.2  # of its box: a loop that fills less has its area sampled
+SLIVER_SAMPLES = 65
 POLE_SHARE = 0.02  # of the face's extent in u or v: a jump over a pole, not a gap in the file
 MIN_TOLERANCE = 1e-7  # mm, the kernel's own confusion distance
 GAP_SLACK = 2.0  # both ends may be off by the tolerance

@@ -22,11 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
 from nurbs_ooc.bounds.triangle_bound import grid_bounds
-from nurbs_ooc.geometry.bezier_net import bezier_net
+from nurbs_ooc.geometry.bezier_net import LINE, bezier_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -47,6 +48,8 @@ UNDIVIDED = 2.0
 MOST_UNTRIED = 64.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
 MAX_CELLS = 1 << 18
+# Numbers of the largest net.
+NET = 4 * LINE * LINE
 
 
 # Columns of ``Cells.node`` and ``Cells.box``.
@@ -110,21 +113,14 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
     return nu, nv
 
 
-class CellScratch(NamedTuple):
-    """Scratch of the construction."""
-
-    work: Floats  # (3, MAX_DEGREE + 2, 4) for profile curves
-    bounds: Floats  # (5,)
-    net: Floats  # flat net of one cell
-
-
 @leaf
-def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, out: Floats) -> bool:
+def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> bool:
     """Second-derivative bounds (3,) and boxes (BOXES,) over a box to ``out``; True if it lies within one piece.
 
     Tagged surfaces have bounds alone.
     """
     s = g.surfaces[row]
+    bounds = local_line(5)
     single = True
     if s.kind == NURBS:
         i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
@@ -137,25 +133,18 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, scratch: CellScratch, 
             if s.rational and whole_u and whole_v:
                 piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
                 for k in range(5):
-                    scratch.bounds[k] = p.bounds[piece, k]
+                    bounds[k] = p.bounds[piece, k]
                 for k in range(BOXES):
                     out[3 + k] = p.boxes[piece, k]
             else:
-                dim = bezier_net(g, row, box[0], box[1], box[2], box[3], scratch.net)
-                net_bounds(
-                    scratch.net,
-                    s.degree_u,
-                    s.degree_v,
-                    dim,
-                    box[1] - box[0],
-                    box[3] - box[2],
-                    scratch.bounds,
-                    out[3:],
-                )
-            out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
+                net = local_line(NET)
+                dim = bezier_net(g, row, box[0], box[1], box[2], box[3], net)
+                h_u, h_v = box[1] - box[0], box[3] - box[2]
+                net_bounds(net, s.degree_u, s.degree_v, dim, h_u, h_v, bounds, out[3:])
+            out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
             return True
-    box_bounds(g, p, row, box[0], box[1], box[2], box[3], scratch.work, scratch.bounds)
-    out[0], out[1], out[2] = scratch.bounds[MUU], scratch.bounds[MUV], scratch.bounds[MVV]
+    box_bounds(g, p, row, box[0], box[1], box[2], box[3], bounds)
+    out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
     if s.kind == NURBS:
         box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
     return single
@@ -231,7 +220,7 @@ def _tighten(c: Cells, node: int, kid: int, vectors: bool) -> None:
 
 
 @helper
-def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scratch: CellScratch) -> Cells:
+def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Cells:
     """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
     start = 64
     c = Cells(np.empty((start, 4), dtype=np.int64), np.empty((start, COLUMNS)))
@@ -240,7 +229,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
     n = 1
     depth = np.zeros(start, dtype=np.int64)
     inner = np.zeros(start, dtype=np.int64)  # 1: the cell lies within one piece
-    inner[0] = 1 if _measure(g, p, row, c.box[0], scratch, c.box[0, SECOND:]) else 0
+    inner[0] = 1 if _measure(g, p, row, c.box[0], c.box[0, SECOND:]) else 0
     nurbs = g.surfaces[row].kind == NURBS
     nu, nv = _count_grid(c, 0, nurbs, error)
     if nu * nv > 1:
@@ -269,7 +258,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, scrat
                     c.box[kid, 1 - k] = cut
                 else:
                     c.box[kid, 3 - k] = cut
-                inner[kid] = 1 if _measure(g, p, row, c.box[kid], scratch, c.box[kid, SECOND:]) else 0
+                inner[kid] = 1 if _measure(g, p, row, c.box[kid], c.box[kid, SECOND:]) else 0
                 _tighten(c, node, kid, nurbs)
                 nu, nv = _count_grid(c, kid, nurbs, error)
                 both += float(nu) * float(nv)

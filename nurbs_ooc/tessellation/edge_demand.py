@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
-from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, curve_bounds
+from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, SIZE, curve_bounds
 from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, box_bounds
@@ -58,9 +58,6 @@ class Demand(NamedTuple):
     sliver: Floats  # (MAX_USES, n) mm, by use: second-derivative bound of the sliver beside the p-curve's chord
     knots: Floats  # scratch
     full: Flags  # scratch
-    work: Floats  # (3, MAX_DEGREE + 2, 4) scratch
-    part: Floats  # (SIZE,) scratch
-    bounds: Floats  # (5,) scratch
     trims: Floats  # (MAX_USES,) scratch
 
 
@@ -112,13 +109,13 @@ def _sort_breaks(breaks: Floats, forced: Flags, n: int) -> int:
 
 
 @leaf
-def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool, work: Floats, out: Floats) -> None:
+def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool, out: Floats) -> None:
     """Bounds of curve ``row`` over [a, b]: its own if ``exact``, else those of the whole piece around."""
     if exact:
-        curve_bounds(g, row, a, b, work, out)
+        curve_bounds(g, row, a, b, out)
     else:
         k = piece_at(c, row, 0.5 * (a + b))
-        for i in range(len(out)):
+        for i in range(SIZE):
             out[i] = c.bounds[k, i]
 
 
@@ -147,11 +144,12 @@ def _demand(
     Slivers go to ``d.trims`` in mm.
     """
     edge = g.edges[e]
-    part, bounds = d.part, d.bounds
+    part = local_line(SIZE)
+    bounds = local_line(5)
     worst = 0.0
     largest_bend = 0.0
     if edge.curve >= 0:
-        _bounds(g, c, edge.curve, a, b, exact, d.work, part)
+        _bounds(g, c, edge.curve, a, b, exact, part)
         worst = part[D2] / error
     for k in range(MAX_USES):
         d.trims[k] = 0.0
@@ -164,7 +162,7 @@ def _demand(
         curve = g.curves[coedge.pcurve]
         scale = (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
         low, high = curve.t0 + (a - edge.t0) * scale, curve.t0 + (b - edge.t0) * scale
-        _bounds(g, c, coedge.pcurve, low, high, exact, d.work, part)
+        _bounds(g, c, coedge.pcurve, low, high, exact, part)
         square = scale * scale
         u0, u1, v0, v1 = part[LOW], part[HIGH], part[LOW + 1], part[HIGH + 1]
         if edge.curve < 0:
@@ -173,7 +171,7 @@ def _demand(
         # An end at a knot does not look beyond it because of roundoff.
         hair_u = min(SAME_BREAK * (s.u1 - s.u0), 0.5 * (u1 - u0))
         hair_v = min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
-        box_bounds(g, p, row, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, d.work, bounds)
+        box_bounds(g, p, row, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, bounds)
         du, dv = part[D1_X], part[D1_X + 1]
         if edge.curve >= 0:
             if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:

@@ -25,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel, leaf
-from nurbs_ooc.bounds.curve_bounds import SIZE
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.curve import ELLIPSE, curve_point
@@ -208,9 +207,6 @@ def _room_for(intervals: int) -> Demand:
         np.empty((MAX_USES, intervals)),
         np.empty(intervals + 1),
         np.empty(intervals + 1, dtype=np.uint8),
-        np.empty((3, MAX_DEGREE + 2, 4)),
-        np.empty(SIZE),
-        np.empty(5),
         np.empty(MAX_USES),
     )
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.refine import Frame
+from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_POINTS, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 

@@ -1,8 +1,8 @@
 """One face from its loops to certified triangles: boundary, cells, triangulation, refinement.
 
 Where the face needs more samples on an edge (two polylines cross although their curves do not, or a
-boundary segment alone breaks the bound) it asks for them and is done again with all its neighbours,
-so that shared edges stay shared.
+boundary segment alone breaks the bound) it asks for them and is done again with the faces along those
+edges, so that shared edges stay shared.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import LU, LV
@@ -20,26 +21,17 @@ from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, CellScratch, build_cells
+from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
+from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
+from nurbs_ooc.tessellation.deviation import Check, Frame, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
-from nurbs_ooc.tessellation.refine import (
-    DONE,
-    FULL,
-    Check,
-    Frame,
-    certify,
-    insert_grids,
-    parts_needed,
-    segment_bound,
-    worst_bound,
-)
+from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
+from nurbs_ooc.tessellation.refine import certify, parts_needed
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_TRIANGLES,
     Triangulation,
-    flood_inside,
-    insert_constraint,
     insert_point,
     new_triangulation,
 )
@@ -48,7 +40,6 @@ from nurbs_ooc.tessellation.trimming import Boundary, gather_boundary, to_lattic
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-HEALED = int(FaceStatus.HEALED)
 DEGRADED = int(FaceStatus.DEGRADED)
 EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
@@ -80,6 +71,14 @@ def _metric(c: Cells) -> tuple[float, float]:
         su += a * b * (c.node[node, GRID + 0] / a) ** 2
         sv += a * b * (c.node[node, GRID + 1] / b) ** 2
     return math.sqrt(su / area), math.sqrt(sv / area)
+
+
+@leaf
+def _plane_metric(g: Tables, row: int) -> tuple[float, float]:
+    """Lengths of a plane's two axes: mm per parameter unit."""
+    bounds = local_line(5)
+    closed_form_bounds(g, row, 0.0, 1.0, 0.0, 1.0, bounds)
+    return bounds[LU], bounds[LV]
 
 
 @leaf
@@ -173,8 +172,8 @@ def _any_inside(t: Triangulation) -> bool:
 
 @helper
 def tessellate_face(
-    g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, cell_scratch: CellScratch,
-    check: Check, wanted: Ints,
+    g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, check: Check,
+    wanted: Ints,
 ) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
@@ -196,13 +195,8 @@ def tessellate_face(
             _ask_all(b, wanted)
             return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
         return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
-    cell_error = 1e300 if flat else target
-    c = build_cells(g, p, row, b.box, cell_error, cell_scratch)
-    if flat:
-        closed_form_bounds(g, row, b.box[0], b.box[1], b.box[2], b.box[3], check.work, check.bounds)
-        du, dv = check.bounds[LU], check.bounds[LV]
-    else:
-        du, dv = _metric(c)
+    c = build_cells(g, p, row, b.box, 1e300 if flat else target)
+    du, dv = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
     room = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))

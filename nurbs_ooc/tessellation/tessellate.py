@@ -19,13 +19,12 @@ from nurbs_ooc.bounds.derivatives import BOXES
 from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
-from nurbs_ooc.tessellation.cells import CellScratch
+from nurbs_ooc.tessellation.deviation import Check
 from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
 from nurbs_ooc.tessellation.face import BOX_AS_POINTS, NEEDS_SAMPLES, tessellate_face
 from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
-from nurbs_ooc.tessellation.refine import Check
 from nurbs_ooc.tessellation.workers import chunk_runner
 
 Floats = npt.NDArray[np.float64]
@@ -47,13 +46,7 @@ def _faces(
     ends = np.zeros((high - low, 3), dtype=np.int64)
     codes = np.zeros((high - low, 3), dtype=np.int64)
     errors = np.zeros((high - low, 3))
-    work = np.empty((3, MAX_DEGREE + 2, 4))
-    cells = CellScratch(
-        work,
-        np.empty(5),
-        np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4),
-    )
-    check = Check(work, np.empty(5), np.empty(3 + BOXES), np.empty(256, dtype=np.int64))
+    check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64))
     scratch = np.empty((4, MAX_DEGREE + 2))
     for i in range(high - low):
         row = faces[low + i]
@@ -61,7 +54,7 @@ def _faces(
         codes[i, 1], codes[i, 2] = s.status, s.reason
         if s.status != 3:
             code, b, t, point, f, worst, extra, status, reason = tessellate_face(
-                g, p, samples, row, error, final, cells, check, wanted
+                g, p, samples, row, error, final, check, wanted
             )
             codes[i, 0] = code
             if status > codes[i, 1]:

@@ -1,7 +1,7 @@
-r"""Constrained Delaunay triangulation on an integer lattice.
+r"""Delaunay triangulation on an integer lattice.
 
-Points are inserted one by one (walk, split, flip), constraints by flipping the edges they cross;
-every topological decision is an exact orientation test. Triangles are counter-clockwise; index i of
+Points are inserted one by one (walk, split, flip); boundary segments follow in ``constraints``. Every
+topological decision is an exact orientation test. Triangles are counter-clockwise; index i of
 the neighbours and of the constraint counts belongs to the edge opposite corner i::
 
             c
@@ -11,11 +11,9 @@ the neighbours and of the constraint counts belongs to the edge opposite corner 
         a ----- b
             e2
 
-A box of four outer points encloses everything, so real points always have a closed fan. The
-constraint count says how often an edge was asked for: crossing an edge of odd count changes inside to outside.
+A box of four outer points encloses everything, so real points always have a closed fan.
 
-Source: C. L. Lawson, "Software for C1 surface interpolation", 1977 (flipping); S. W. Sloan, "A fast
-algorithm for generating constrained Delaunay triangulations", Computers & Structures 47, 1993.
+Source: C. L. Lawson, "Software for C1 surface interpolation", 1977 (flipping).
 """
 
 from __future__ import annotations
@@ -79,7 +77,7 @@ def new_triangulation(capacity: int, sx: float, sy: float) -> Triangulation:
 
 
 @leaf
-def _corner(t: Triangulation, triangle: int, point: int) -> int:
+def corner_of(t: Triangulation, triangle: int, point: int) -> int:
     """Which corner of ``triangle`` is ``point``."""
     if t.tri[triangle, 0] == point:
         return 0
@@ -87,7 +85,7 @@ def _corner(t: Triangulation, triangle: int, point: int) -> int:
 
 
 @leaf
-def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
+def side_to(t: Triangulation, triangle: int, neighbour: int) -> int:
     """Which edge of ``triangle`` leads to ``neighbour``."""
     if t.tri[triangle, ADJACENT] == neighbour:
         return 0
@@ -97,7 +95,7 @@ def _side(t: Triangulation, triangle: int, neighbour: int) -> int:
 @leaf
 def opposite(t: Triangulation, triangle: int, neighbour: int) -> int:
     """The corner of ``triangle`` that faces ``neighbour``."""
-    return t.tri[triangle, _side(t, triangle, neighbour)]
+    return t.tri[triangle, side_to(t, triangle, neighbour)]
 
 
 @leaf
@@ -116,14 +114,14 @@ def _set(
 def _relink(t: Triangulation, triangle: int, old: int, new: int) -> None:
     """The neighbour ``old`` of ``triangle`` is now ``new``."""
     if triangle >= 0:
-        t.tri[triangle, ADJACENT + _side(t, triangle, old)] = new
+        t.tri[triangle, ADJACENT + side_to(t, triangle, old)] = new
 
 
 @leaf
 def flip(t: Triangulation, k: int, i: int) -> None:
     """Turn the diagonal opposite corner i of ``k``: (p, a, b) and (d, b, a) become (p, a, d) and (p, d, b)."""
     o = t.tri[k, ADJACENT + i]
-    j = _side(t, o, k)
+    j = side_to(t, o, k)
     p, a, b, d = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[o, j]
     n_bp, n_pa = t.tri[k, ADJACENT + (i + 1) % 3], t.tri[k, ADJACENT + (i + 2) % 3]
     f_bp, f_pa = t.tri[k, FIXED + (i + 1) % 3], t.tri[k, FIXED + (i + 2) % 3]
@@ -144,7 +142,7 @@ def _legalise(t: Triangulation, top: int) -> None:
         o = t.tri[k, ADJACENT]
         if o < 0 or t.tri[k, FIXED] > 0:
             continue
-        d = t.tri[o, _side(t, o, k)]
+        d = t.tri[o, side_to(t, o, k)]
         p, a, b = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
         if in_circle(t.points, t.scale, p, a, b, d) and orient(t.points, p, a, d) > 0 and orient(t.points, p, d, b) > 0:
             flip(t, k, 0)
@@ -219,7 +217,7 @@ def split(t: Triangulation, k: int, on: int, p: int) -> None:
         return
     i = on
     o = t.tri[k, ADJACENT + i]
-    j = _side(t, o, k)
+    j = side_to(t, o, k)
     a, b, c, d = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[o, j]
     f = t.tri[k, FIXED + i]
     n_ca, n_ab = t.tri[k, ADJACENT + (i + 1) % 3], t.tri[k, ADJACENT + (i + 2) % 3]
@@ -251,206 +249,3 @@ def insert_point(t: Triangulation, px: int, py: int) -> int:
     t.n[N_POINTS] = p + 1
     split(t, k, on, p)
     return p
-
-
-@leaf
-def find_edge(t: Triangulation, a: int, b: int) -> tuple[int, int]:
-    """Triangle and index of the edge a-b, turning about a; (-1, 0) if there is none."""
-    start = t.points[a, 2]
-    k = start
-    while True:
-        i = _corner(t, k, a)
-        if t.tri[k, (i + 1) % 3] == b:
-            return k, (i + 2) % 3
-        if t.tri[k, (i + 2) % 3] == b:
-            return k, (i + 1) % 3
-        k = t.tri[k, ADJACENT + (i + 1) % 3]
-        if k == start or k < 0:
-            return -1, 0
-
-
-@leaf
-def _mark(t: Triangulation, k: int, i: int) -> None:
-    """Count one more constraint along edge i of k, on both sides."""
-    o = t.tri[k, ADJACENT + i]
-    t.tri[k, FIXED + i] += 1
-    if o >= 0:
-        t.tri[o, FIXED + _side(t, o, k)] += 1
-
-
-@leaf
-def _along(t: Triangulation, a: int, r: int, b: int) -> int:
-    """Positive if r lies on the same side of a as b, for r on their line."""
-    dx, dy = t.points[r, 0] - t.points[a, 0], t.points[r, 1] - t.points[a, 1]
-    return dx * (t.points[b, 0] - t.points[a, 0]) + dy * (t.points[b, 1] - t.points[a, 1])
-
-
-@leaf
-def _first_crossing(t: Triangulation, a: int, b: int) -> tuple[int, int, int]:
-    """The triangle at a through which a-b leaves: (triangle, corner of a, -1), or (-1, 0, point) on the way."""
-    start = t.points[a, 2]
-    k = start
-    while True:
-        i = _corner(t, k, a)
-        r, left = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-        if r == b or left == b:
-            return -1, 0, b
-        right_of = orient(t.points, a, r, b)
-        left_of = orient(t.points, a, b, left)
-        if right_of == 0 and _along(t, a, r, b) > 0:
-            return -1, 0, r
-        if right_of > 0 and left_of > 0:
-            return k, i, -1
-        k = t.tri[k, ADJACENT + (i + 1) % 3]
-        if k == start or k < 0:
-            return -1, 0, -1
-
-
-@leaf
-def _collect(t: Triangulation, a: int, b: int, k: int, i: int, pairs: Ints) -> tuple[int, int, int]:
-    """List the edges that a-b crosses, starting opposite corner i of k.
-
-    Returns how many, the point where the crossing ends (b, or a point exactly on the way), and the
-    number of the first crossed edge that is fixed itself (-1 if none).
-    """
-    n = 0
-    blocked = -1
-    r, left = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-    while True:
-        if n >= len(pairs):
-            return n, -1, blocked
-        pairs[n, 0], pairs[n, 1] = left, r
-        if t.tri[k, FIXED + i] > 0 and blocked < 0:
-            blocked = n
-        n += 1
-        o = t.tri[k, ADJACENT + i]
-        j = _side(t, o, k)
-        d = t.tri[o, j]
-        side = orient(t.points, a, b, d)
-        if d == b or side == 0:
-            return n, d, blocked
-        k = o
-        # The next crossed edge joins d to the corner on the other side of a-b.
-        if side > 0:
-            i = _corner(t, o, left)
-            left = d
-        else:
-            i = _corner(t, o, r)
-            r = d
-
-
-@helper
-def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool:
-    """Flip the crossed edges until a-b is an edge; False if that does not end."""
-    capacity = len(pairs)
-    head = 0
-    waiting = n
-    made = 0
-    tries = 0
-    fresh = np.empty((capacity, 2), dtype=np.int64)
-    while waiting > 0:
-        tries += 1
-        if tries > 16 * n * n + 64 * n + 256:
-            return False
-        left, r = pairs[head, 0], pairs[head, 1]
-        head = (head + 1) % capacity
-        waiting -= 1
-        k, i = find_edge(t, left, r)
-        if k < 0:
-            continue
-        p, q, s = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-        o = t.tri[k, ADJACENT + i]
-        d = t.tri[o, _side(t, o, k)]
-        tail = (head + waiting) % capacity
-        if orient(t.points, p, q, d) <= 0 or orient(t.points, p, d, s) <= 0:
-            pairs[tail, 0], pairs[tail, 1] = left, r
-            waiting += 1
-            continue
-        flip(t, k, i)
-        ends = p == a or p == b or d == a or d == b
-        side_p, side_d = orient(t.points, a, b, p), orient(t.points, a, b, d)
-        if not ends and ((side_p > 0 and side_d < 0) or (side_p < 0 and side_d > 0)):
-            pairs[tail, 0], pairs[tail, 1] = p, d
-            waiting += 1
-        elif made < capacity:
-            fresh[made, 0], fresh[made, 1] = p, d
-            made += 1
-    # Give the new edges back the Delaunay property, except the constraint itself.
-    for _ in range(4):
-        flipped = False
-        for m in range(made):
-            p, d = fresh[m, 0], fresh[m, 1]
-            if (p == a and d == b) or (p == b and d == a):
-                continue
-            k, i = find_edge(t, p, d)
-            if k < 0 or t.tri[k, FIXED + i] > 0:
-                continue
-            o = t.tri[k, ADJACENT + i]
-            e = t.tri[o, _side(t, o, k)]
-            f, q, s = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-            if (
-                in_circle(t.points, t.scale, f, q, s, e)
-                and orient(t.points, f, q, e) > 0
-                and orient(t.points, f, e, s) > 0
-            ):
-                flip(t, k, i)
-                fresh[m, 0], fresh[m, 1] = f, e
-                flipped = True
-        if not flipped:
-            break
-    return True
-
-
-@helper
-def insert_constraint(t: Triangulation, a: int, b: int, pairs: Ints, crossed: Ints) -> bool:
-    """Make a-b an edge (or a chain of edges through points exactly on it) and count it as fixed.
-
-    ``pairs`` is scratch (capacity of triangles, 2). On False the segment crosses a fixed edge, whose
-    ends are in ``crossed``; nothing beyond what was passed is marked.
-    """
-    while a != b:
-        k, i, point = _first_crossing(t, a, b)
-        if k < 0:
-            if point < 0:
-                crossed[0], crossed[1] = a, b
-                return False
-            k, i = find_edge(t, a, point)
-            _mark(t, k, i)
-            a = point
-            continue
-        n, end, blocked = _collect(t, a, b, k, i, pairs)
-        if blocked >= 0 or end < 0:
-            at = max(blocked, 0)
-            crossed[0], crossed[1] = pairs[at, 0], pairs[at, 1]
-            return False
-        if not _flip_through(t, a, end, pairs, n):
-            crossed[0], crossed[1] = a, b
-            return False
-        k, i = find_edge(t, a, end)
-        if k < 0:
-            crossed[0], crossed[1] = a, b
-            return False
-        _mark(t, k, i)
-        a = end
-    return True
-
-
-@helper
-def flood_inside(t: Triangulation) -> None:
-    """Set ``inside`` by the even-odd rule, walking in from the outer box."""
-    n = t.n[N_TRIANGLES]
-    seen = np.zeros(n, dtype=np.uint8)
-    top = 1
-    t.tri[0, STACK] = t.points[0, 2]
-    seen[t.points[0, 2]] = 1
-    t.tri[t.points[0, 2], INSIDE] = 0
-    while top > 0:
-        top -= 1
-        k = t.tri[top, STACK]
-        for i in range(3):
-            o = t.tri[k, ADJACENT + i]
-            if o >= 0 and seen[o] == 0:
-                seen[o] = 1
-                t.tri[o, INSIDE] = (t.tri[k, INSIDE] + t.tri[k, FIXED + i]) % 2
-                t.tri[top, STACK] = o
-                top += 1

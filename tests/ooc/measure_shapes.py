@@ -206,3 +206,12 @@ def mesh_of(
         status=np.zeros(1, np.uint8),
         reason=np.zeros(1, np.uint16),
     )
+
+
+def plate_with_hole() -> GeometryBatch:
+    """A square of 10 with a round hole of radius 3 in its middle."""
+    shape = Shape()
+    shape.polygon([[0, 0], [10, 0], [10, 10], [0, 10]])
+    shape.loop([shape.conic(CurveKind.ELLIPSE, [5, 5], [3, 0], [0, 3], 0.0, 2.0 * np.pi)])
+    shape.analytic(SurfaceKind.PLANE, (0, 10, 0, 10))
+    return shape.batch()

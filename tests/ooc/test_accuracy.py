@@ -94,13 +94,11 @@ def test_senseless_dials_are_refused(call: object) -> None:
 
 
 def test_a_bit_more_halves_what_quantisation_costs() -> None:
+    # Many vertices, so that some come near the middle of a grid's cell whatever the grid.
+    moved = np.array([p.moved_mm for p in quantisation_curve([tessellate(_batch(add_sphere), 1e-4)])])
+    assert np.allclose(moved[:-1] / moved[1:], 2.0, rtol=0.1)
     mesh = tessellate(_batch(add_sphere), 1e-2)
     curve = quantisation_curve([mesh])
-    moved = np.array([p.moved_mm for p in curve])
-    # One grid may happen to suit the vertices better than the next; over all bits that evens out.
-    steps = moved[:-1] / moved[1:]
-    assert np.allclose(steps, 2.0, rtol=0.3)
-    assert np.isclose(np.exp(np.log(steps).mean()), 2.0, rtol=0.05)
     assert (np.diff([p.bytes for p in curve]) > 0).all()
     bits = bits_for(mesh, 1e-2)
     assert next(p for p in curve if p.bits == bits).moved_mm <= 0.25e-2

@@ -7,22 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
+from nurbs_cache.surface_record import SurfaceKind
 from nurbs_ooc.measure.certify_far import nowhere_near
 from nurbs_ooc.measure.face_cells import face_cells
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.trim_region import TrimRegion
-from tests.ooc.measure_shapes import Shape, random_nurbs, sphere
+from tests.ooc.measure_shapes import Shape, plate_with_hole, random_nurbs, sphere
 
 TAU = 2 * math.pi
-
-
-def _plate_with_hole() -> GeometryBatch:
-    shape = Shape()
-    shape.polygon([[0, 0], [10, 0], [10, 10], [0, 10]])
-    shape.loop([shape.conic(CurveKind.ELLIPSE, [5, 5], [3, 0], [0, 3], 0.0, TAU)])
-    shape.analytic(SurfaceKind.PLANE, (0, 10, 0, 10))
-    return shape.batch()
 
 
 def _nearest(region: TrimRegion, p: np.ndarray) -> np.ndarray:
@@ -65,10 +57,10 @@ def test_a_hole_and_a_placement() -> None:
     r = np.hypot(*(p[:, :2] - 5).T)
     aside = np.where(r < 3, 3 - r, np.hypot(*flat.T))
     want = np.hypot(aside, p[:, 2])
-    np.testing.assert_allclose(_nearest(TrimRegion(_plate_with_hole(), [0], 1e-6), p), want, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(_nearest(TrimRegion(plate_with_hole(), [0], 1e-6), p), want, rtol=1e-6, atol=1e-9)
     turned = np.array([[0.0, -2, 0, 7], [2, 0, 0, -1], [0, 0, -2, 3]])
     moved = p @ turned[:, :3].T + turned[:, 3]
-    region = TrimRegion(_plate_with_hole(), [0], 1e-6, turned[None])
+    region = TrimRegion(plate_with_hole(), [0], 1e-6, turned[None])
     np.testing.assert_allclose(_nearest(region, moved), 2 * want, rtol=1e-6, atol=1e-8)
 
 
@@ -101,7 +93,7 @@ def test_candidates_compete() -> None:
 
 
 def test_cells_cover_what_is_inside_and_little_else() -> None:
-    region = TrimRegion(_plate_with_hole(), [0], 1e-6)
+    region = TrimRegion(plate_with_hole(), [0], 1e-6)
     assert np.diff(face_cells(region).cell_start) == [1]  # a plane needs no more
     g = sphere(10.0)
     cells = face_cells(TrimRegion(g, [0], 1e-6))
@@ -112,7 +104,7 @@ def test_cells_cover_what_is_inside_and_little_else() -> None:
 
 @pytest.mark.parametrize("gap", [3e-3, 1e-1, 1.0])
 def test_what_is_far_is_proven_and_what_is_near_never(gap: float) -> None:
-    region = TrimRegion(_plate_with_hole(), [0], 1e-6)
+    region = TrimRegion(plate_with_hole(), [0], 1e-6)
     finder = FootFinder(region)
     inside_hole = np.array([8.0 - 0.5, 5.0, 0.0])  # half a millimetre from the rim
     above = np.array([1.0, 1.0, 0.5])

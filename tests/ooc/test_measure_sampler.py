@@ -7,25 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
+from nurbs_cache.surface_record import SurfaceKind
 from nurbs_ooc.measure.exact_surface import points
 from nurbs_ooc.measure.face_sampler import sample_faces
 from nurbs_ooc.measure.trim_region import TrimRegion
-from tests.ooc.measure_shapes import Shape, random_nurbs, sphere
+from tests.ooc.measure_shapes import Shape, plate_with_hole, random_nurbs, sphere
 
 TAU = 2 * math.pi
 
 
-def _plate_with_hole() -> GeometryBatch:
-    shape = Shape()
-    shape.polygon([[0, 0], [10, 0], [10, 10], [0, 10]])
-    shape.loop([shape.conic(CurveKind.ELLIPSE, [5, 5], [3, 0], [0, 3], 0.0, TAU)])
-    shape.analytic(SurfaceKind.PLANE, (0, 10, 0, 10))
-    return shape.batch()
-
-
 def test_hole_is_outside() -> None:
-    region = TrimRegion(_plate_with_hole(), [0], 1e-6)
+    region = TrimRegion(plate_with_hole(), [0], 1e-6)
     uv = np.random.default_rng(2).random((5000, 2)) * 12 - 1
     r = np.hypot(*(uv - 5).T)
     want = ((uv > 0) & (uv < 10)).all(1) & (r > 3)
@@ -34,7 +26,7 @@ def test_hole_is_outside() -> None:
 
 
 def test_area_of_samples_is_the_area_of_the_face() -> None:
-    g = _plate_with_hole()
+    g = plate_with_hole()
     region = TrimRegion(g, [0], 1e-5)
     uv = np.random.default_rng(3).random((200_000, 2)) * 10
     assert region.contains(0, uv).mean() * 100 == pytest.approx(100 - 9 * math.pi, rel=5e-3)
@@ -42,7 +34,7 @@ def test_area_of_samples_is_the_area_of_the_face() -> None:
 
 @pytest.mark.parametrize("tolerance", [10.0, 1e-2])
 def test_inside_is_exact_however_coarse_the_pieces(tolerance: float) -> None:
-    region = TrimRegion(_plate_with_hole(), [0], tolerance)
+    region = TrimRegion(plate_with_hole(), [0], tolerance)
     assert len(region.segments) < 100
     angle = np.random.default_rng(4).random(4000) * TAU
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
@@ -72,7 +64,7 @@ def test_rays_along_a_boundary_that_they_touch(degree: int) -> None:
 
 
 def test_boundary_samples_lie_on_the_exact_curves() -> None:
-    g = _plate_with_hole()
+    g = plate_with_hole()
     samples = sample_faces(TrimRegion(g, [0], 1e-2), 400, seed=1)
     uv = samples.uv[samples.on_boundary]
     on_circle = np.abs(np.hypot(*(uv - 5).T) - 3)
@@ -83,7 +75,7 @@ def test_boundary_samples_lie_on_the_exact_curves() -> None:
 
 
 def test_inner_samples_are_inside_and_everywhere() -> None:
-    g = _plate_with_hole()
+    g = plate_with_hole()
     samples = sample_faces(TrimRegion(g, [0], 1e-7), 2000, seed=1)
     uv = samples.uv[~samples.on_boundary]
     assert (np.hypot(*(uv - 5).T) > 3 - 1e-6).all()
@@ -93,7 +85,7 @@ def test_inner_samples_are_inside_and_everywhere() -> None:
 
 
 def test_same_seed_same_samples() -> None:
-    region = TrimRegion(_plate_with_hole(), [0], 1e-4)
+    region = TrimRegion(plate_with_hole(), [0], 1e-4)
     a, b, c = (sample_faces(region, 100, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(a.uv, b.uv)
     assert not np.array_equal(a.uv[: len(c)], c.uv[: len(a)])

@@ -12,7 +12,7 @@ from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.bounds.creases import HIDDEN, JUMP, REACH
 from nurbs_ooc.bounds.curve_bounds import D1, D2, HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
-from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV
+from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces, box_bounds, box_boxes, creases_in_box, surface_pieces
 from nurbs_ooc.bounds.triangle_bound import largest_mean, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import bezier_net
@@ -48,7 +48,7 @@ def one_surface(
 def _over(g: Tables, p: Pieces, box: Floats) -> tuple[Floats, Floats, float]:
     bounds = np.empty(5)
     boxes = np.empty(BOXES)
-    box_bounds(g, p, 0, box[0], box[1], box[2], box[3], np.empty((3, MAX_DEGREE + 2, 4)), bounds)
+    box_bounds(g, p, 0, box[0], box[1], box[2], box[3], bounds)
     box_boxes(p, 0, box[0], box[1], box[2], box[3], boxes)
     return bounds, boxes, creases_in_box(p, 0, box[0], box[1], box[2], box[3])
 
@@ -57,6 +57,19 @@ def _over(g: Tables, p: Pieces, box: Floats) -> tuple[Floats, Floats, float]:
 def _net(g: Tables, box: Floats) -> Floats:
     out = np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4)
     bezier_net(g, 0, box[0], box[1], box[2], box[3], out)
+    return out
+
+
+@kernel
+def _net_bounds(g: Tables, box: Floats) -> Floats:
+    """What ``_triangle`` takes, over a box inside one span."""
+    net = np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4)
+    bounds = np.empty(5)
+    out = np.empty(3 + BOXES)
+    s = g.surfaces[0]
+    dim = bezier_net(g, 0, box[0], box[1], box[2], box[3], net)
+    net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], bounds, out[3:])
+    out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
     return out
 
 
@@ -112,16 +125,23 @@ def test_triangles_are_as_near_as_their_bounds_say() -> None:
     rng = np.random.default_rng(7)
     w = weights(12)
     nearest = 0.0
-    for _ in range(40):
-        t = rng.uniform(0, 0.8, 2) + rng.uniform(0, 0.2, (3, 2))
+
+    def find_piece(uv: Floats) -> tuple[int, int]:
+        return int(np.searchsorted([0.5], uv[0])), int(np.searchsorted([0.25, 0.7], uv[1]))
+
+    for _ in range(80):
+        t = rng.uniform(0, 0.8, 2) + rng.uniform(0, 0.2, (3, 2)) * rng.choice([1.0, 0.1])
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, pieces, np.array([low[0], high[0], low[1], high[1]]))
         m = np.concatenate([bounds[[MUU, MUV, MVV]], boxes])
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
         assert creases == 0.0
         assert off <= _triangle(m, t, False) and off <= _triangle(m, t, True)
-        nearest = max(nearest, off / min(_triangle(m, t, False), _triangle(m, t, True)))
-    assert nearest > 0.1  # of spans far larger than the triangle; cells restrict them
+        if find_piece(low) == find_piece(high):
+            own = np.concatenate([low, high])[[0, 2, 1, 3]]
+            nearest = max(nearest, off / _triangle(_net_bounds(g, own), t, True))
+    # Bounds over the triangle's own box, as a cell that fits it has them.
+    assert 0.8 < nearest <= 1.0
 
 
 def test_a_strip_between_close_knots_is_charged_as_a_crease() -> None:
@@ -171,6 +191,25 @@ def test_curve_pieces_bound_their_curves() -> None:
         assert np.linalg.norm(spline(t, 1), axis=1).max() <= b[D1] * (1 + 1e-9)
         assert np.linalg.norm(spline(t, 2), axis=1).max() <= b[D2] * (1 + 1e-9)
         assert (spline(t) >= b[LOW : LOW + 3] - 1e-9).all() and (spline(t) <= b[HIGH : HIGH + 3] + 1e-9).all()
+
+
+def test_bounds_of_a_rational_part_follow_it() -> None:
+    """A cylinder's quarter, cut down: its radius is bounded the better, the smaller the part."""
+    w = np.sqrt(0.5)
+    points = np.array([[[5, 0, z], [5, 5, z], [0, 5, z]] for z in (0.0, 200.0)])
+    builder = BatchBuilder()
+    weights_ = np.array([[1.0, w, 1.0]] * 2)
+    builder.surface(SurfaceForm.nurbs(1, 2, [0, 0, 1, 1], [0, 0, 0, 1, 1, 1], points, weights_))
+    g = tables(builder.build())
+    t = np.linspace(0.25, 0.5, 200)
+    circle = BSpline(clamped(2, []), points[0, :, :2] * weights_[0][:, None], 2)
+    scale = BSpline(clamped(2, []), weights_[0], 2)
+    first = (circle(t, 1) - scale(t, 1)[:, None] * circle(t) / scale(t)[:, None]) / scale(t)[:, None]
+    second = circle(t, 2) - 2 * scale(t, 1)[:, None] * first - (scale(t, 2) / scale(t))[:, None] * circle(t)
+    true = np.linalg.norm(second / scale(t)[:, None], axis=1).max()
+    found = _net_bounds(g, np.array([0.0, 1.0, 0.25, 0.5]))
+    assert found[0] <= 1e-9 and found[1] <= 1e-9
+    assert true <= found[2] <= 2.0 * true
 
 
 def test_spans_of_a_part_of_the_domain() -> None:

@@ -1,0 +1,149 @@
+"""How far the triangles of a face are from its surface: ``triangle_bound`` at work on a triangulation.
+
+Second derivatives are bounded over the triangle's parameter box: by the kd-tree's cells it meets, or in
+closed form. Creases inside the box add to it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
+from nurbs_ooc.bounds.closed_form import closed_form_bounds
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
+from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
+from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
+from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
+from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.cells import Cells, cell_bounds
+from nurbs_ooc.tessellation.triangulate import INSIDE, N_TRIANGLES, Triangulation
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Frame(NamedTuple):
+    """Lattice to parameters: u = u0 + x * du."""
+
+    u0: float
+    v0: float
+    du: float
+    dv: float
+
+
+class Check(NamedTuple):
+    """Scratch of the bound of a triangle."""
+
+    second: Floats  # (3 + BOXES,) what the last bound rests on, see ``cell_bounds``
+    stack: Ints  # (256,) of a walk in the kd-tree
+
+
+@leaf
+def _corners_bound(
+    g: Tables,
+    p: Pieces,
+    row: int,
+    c: Cells,
+    f: Frame,
+    check: Check,
+    enough: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    x2: float,
+    y2: float,
+) -> float:
+    """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``.
+
+    The directions of second derivatives are looked at only where their norms do not give ``enough`` (mm).
+    """
+    m = check.second
+    # Half a lattice step wider, for corners were rounded.
+    u0, u1 = f.u0 + f.du * (min(x0, x1, x2) - 0.5), f.u0 + f.du * (max(x0, x1, x2) + 0.5)
+    v0, v1 = f.v0 + f.dv * (min(y0, y1, y2) - 0.5), f.v0 + f.dv * (max(y0, y1, y2) + 0.5)
+    charge = 0.0
+    kind = g.surfaces[row].kind
+    if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
+        cell_bounds(c, u0, u1, v0, v1, False, check.stack, m)
+        if kind == NURBS:
+            charge = creases_in_box(p, row, u0, u1, v0, v1)
+    else:
+        bounds = local_line(5)
+        closed_form_bounds(g, row, u0, u1, v0, v1, bounds)
+        m[0], m[1], m[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+    du, dv = f.du, f.dv
+    bound = charge + norm_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+    if kind == NURBS and bound > enough:
+        cell_bounds(c, u0, u1, v0, v1, True, check.stack, m)
+        finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+        bound = min(bound, finer)
+    return bound
+
+
+@leaf
+def points_bound(
+    g: Tables,
+    p: Pieces,
+    row: int,
+    c: Cells,
+    f: Frame,
+    t: Triangulation,
+    i: int,
+    j: int,
+    k: int,
+    check: Check,
+    enough: float,
+) -> float:
+    """Deviation bound of the triangle of points i, j and k, mm, as good as ``enough`` or the best known."""
+    a, b, d = t.points[i], t.points[j], t.points[k]
+    return _corners_bound(
+        g, p, row, c, f, check, enough, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+    )
+
+
+@leaf
+def face_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, check: Check, enough: float
+) -> float:
+    """Deviation bound of triangle k, mm, as good as ``enough`` or the best known."""
+    return points_bound(g, p, row, c, f, t, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2], check, enough)
+
+
+@leaf
+def segment_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, a: int, b: int, check: Check, enough: float
+) -> float:
+    """Bound of the segment between two points alone, mm: no triangle on it has a smaller one."""
+    q = t.points
+    x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
+    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, 0.5 * (x0 + x1), 0.5 * (y0 + y1))
+
+
+@leaf
+def edge_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, i: int, check: Check
+) -> float:
+    """Bound of a flat triangle on edge i of k that reaches 1/16 of the way to the opposite corner, mm."""
+    q = t.points
+    a, b, d = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3], t.tri[k, i]
+    x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
+    x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    x, y = x + (q[d, 0] - x) / 16.0, y + (q[d, 1] - y) / 16.0
+    return _corners_bound(g, p, row, c, f, check, 0.0, x0, y0, x1, y1, x, y)
+
+
+@leaf
+def worst_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check
+) -> float:
+    """The largest deviation bound of any inner triangle, mm."""
+    worst = 0.0
+    for k in range(t.n[N_TRIANGLES]):
+        if t.tri[k, INSIDE] != 0:
+            worst = max(worst, face_bound(g, p, row, c, f, t, k, check, target))
+    return worst
