@@ -194,7 +194,8 @@ def tessellate_face(
         if not final:
             _ask_all(b, wanted)
             return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
-        return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+        whole = box_diagonal(b.position)
+        return READY, b, new_triangulation(0, 1.0, 1.0), point, f, whole, 0.0, DEGRADED, BOX_AS_POINTS
     c = build_cells(g, p, row, b.box, 1e300 if flat else target)
     du, dv = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
@@ -217,7 +218,7 @@ def tessellate_face(
             if not final:
                 _ask_all(b, wanted)
                 return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
-            return READY, b, t, point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+            return READY, b, t, point, f, box_diagonal(b.position), 0.0, DEGRADED, BOX_AS_POINTS
         if flat:
             return READY, b, t, point, f, 0.0, extra, status, reason
         if not final and _ask_for_long_segments(g, p, row, c, f, t, b, point, target, check, wanted):
