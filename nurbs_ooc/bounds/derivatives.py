@@ -97,16 +97,22 @@ def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: flo
 
 
 @leaf
-def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
-    """Bounds of the five derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights.
+def _second_sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
+    """Bounds of the second derivatives of a flat net to ``out[MUU:]`` (5, 2): of its spatial part and of its weights.
 
-    ``boxes`` (BOXES,) gets the boxes of the second derivatives.
+    ``boxes`` (BOXES,) gets their boxes.
     """
-    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU], boxes[0:6])
-    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV], boxes[0:6])
     _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
     _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
     _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
+
+
+@leaf
+def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
+    """As ``_second_sizes``, for all five derivatives."""
+    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU], boxes[0:6])
+    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV], boxes[0:6])
+    _second_sizes(net, p, q, dim, h_u, h_v, out, boxes)
 
 
 @leaf
@@ -205,3 +211,17 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
             out[k] = sizes[k, 0]
     for k in range(5):
         out[k] *= OUTWARD
+
+
+@leaf
+def second_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
+    """As ``net_bounds``, for the second derivatives alone: three norms to ``out`` (3 + BOXES,), then their boxes."""
+    if dim == 4:
+        bounds = local_line(5)
+        net_bounds(net, p, q, dim, h_u, h_v, bounds, out[3:])
+        out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+        return
+    sizes = local_table(5, 2)
+    _second_sizes(net, p, q, dim, h_u, h_v, sizes, out[3:])
+    for k in range(3):
+        out[k] = sizes[MUU + k, 0] * OUTWARD

@@ -75,10 +75,23 @@ def _middle(boxes: Floats, at: int) -> float:
 
 
 @leaf
+def corner_hair(m: Floats, du: float, dv: float) -> float:
+    """What second derivatives ``m`` outside of a triangle's box may add if its corners lie up to (du, dv) beyond it.
+
+    Corners p_i are drawn back to p'_i in the box, by d_i. Then S - L at q is that of the drawn back triangle at q',
+    and sum_i l_i (grad S(q') - grad S(p'_i)) d_i, which is in ``_slack``, and remainders that this bounds.
+    """
+    return m[0] * du * du + 2.0 * m[1] * du * dv + m[2] * dv * dv
+
+
+@leaf
 def _slack(m: Floats, a: float, b: float, du: float, dv: float) -> float:
-    """What an uncertainty of (du, dv) in the parameters of each corner may add to a bound in an a x b box."""
+    """What an uncertainty of (du, dv) in the parameters of each corner may add to a bound in an a x b box.
+
+    Four parts for the gradients' change over the box (see ``corner_hair``), one for that of the corners' differences.
+    """
     pure = m[0] * (2.0 * a + du) * du + m[2] * (2.0 * b + dv) * dv
-    return 0.5 * pure + m[1] * (a * dv + b * du + du * dv)
+    return 1.25 * (0.5 * pure + m[1] * (a * dv + b * du + du * dv))
 
 
 @leaf

@@ -24,8 +24,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
-from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
+from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
 from nurbs_ooc.bounds.triangle_bound import grid_bounds
 from nurbs_ooc.geometry.bezier_net import LINE, bezier_net
 from nurbs_ooc.geometry.surface import NURBS
@@ -39,7 +39,7 @@ MAX_DEPTH = 48
 MAX_GRID = 1 << 12
 # Cells plan for less than the whole error, unless one will do: triangles that reach over a border between cells then
 # keep it more often, and one that must be split wastes more than the margin (measured: fewer triangles in less time).
-CELL_SHARE = 0.8
+CELL_SHARE = 0.9
 # Two halves must save this much to be worth a split.
 WORTH = 0.85
 # So two halves of one triangle pair each can never be worth the split of two.
@@ -52,9 +52,12 @@ MAX_CELLS = 1 << 18
 NET = 4 * LINE * LINE
 
 
+# What a cell covers of its surface's pieces.
+SEVERAL, WHOLE, PART = 0, 1, 2
 # Columns of ``Cells.node`` and ``Cells.box``.
 CHILD, AXIS, GRID = 0, 1, 2
 CUT, SECOND, VECTORS = 4, 5, 8
+MEASURES = 3 + BOXES
 COLUMNS = VECTORS + BOXES
 
 
@@ -102,6 +105,62 @@ def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: f
 
 
 @leaf
+def _least(boxes: Floats, at: int) -> float:
+    """The smallest norm of any vector in the box at ``at``."""
+    size = 0.0
+    for k in range(at, at + 3):
+        size += max(boxes[k], -boxes[k + 3], 0.0) ** 2
+    return math.sqrt(size)
+
+
+@leaf
+def _is_even(b: Floats) -> bool:
+    """Whether second derivatives are so much the same all over a cell that no split of it can be worth while.
+
+    ``b``: the cell's row from SECOND on.
+    """
+    saved = 1.0
+    for k in range(0, 3, 2):
+        if b[k] > 0.0:
+            saved *= math.sqrt(_least(b[3:], 6 * k) / b[k])
+    return saved >= WORTH
+
+
+@leaf
+def _extent(g: Tables, p: Pieces, row: int, box: Floats) -> int:
+    """Whether a box covers SEVERAL pieces, the WHOLE of one or PART of one; tagged surfaces are one."""
+    if g.surfaces[row].kind != NURBS:
+        return PART
+    i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
+    j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], box[2])
+    at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
+    if box[1] > p.breaks[at_u + 1, 0] or box[3] > p.breaks[at_v + 1, 0]:
+        return SEVERAL
+    whole_u = box[0] <= p.breaks[at_u, 0] and box[1] >= p.breaks[at_u + 1, 0]
+    whole_v = box[2] <= p.breaks[at_v, 0] and box[3] >= p.breaks[at_v + 1, 0]
+    return WHOLE if whole_u and whole_v else PART
+
+
+@leaf
+def _measure(g: Tables, p: Pieces, row: int, box: Floats, net_of_its_own: bool, out: Floats) -> None:
+    """Second-derivative bounds (3,) and boxes (BOXES,) over a box to ``out``; tagged surfaces have bounds alone.
+
+    They are those of the pieces, or of the net of just this box.
+    """
+    s = g.surfaces[row]
+    if s.kind == NURBS and net_of_its_own:
+        net = local_line(NET)
+        dim = bezier_net(g, row, box[0], box[1], box[2], box[3], net)
+        second_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], out)
+        return
+    bounds = local_line(5)
+    box_bounds(g, p, row, box[0], box[1], box[2], box[3], bounds)
+    out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+    if s.kind == NURBS:
+        box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
+
+
+@leaf
 def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, int]:
     """Columns and rows of a cell, also to its ``node`` row; with vectors their directions count, not norms alone."""
     b = c.box[node]
@@ -114,40 +173,37 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
 
 
 @leaf
-def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> bool:
-    """Second-derivative bounds (3,) and boxes (BOXES,) over a box to ``out``; True if it lies within one piece.
+def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
+    """Let bounds and boxes ``b`` (3 + BOXES,) be no wider than what is known, whatever roundoff does to them."""
+    for m in range(3):
+        b[m] = min(b[m], known[m])
+    if vectors:
+        for m in range(3):
+            for k in range(3 + 6 * m, 6 + 6 * m):
+                low, high = max(b[k], known[k]), min(b[k + 3], known[k + 3])
+                if low <= high:
+                    b[k], b[k + 3] = low, high
 
-    Tagged surfaces have bounds alone.
-    """
-    s = g.surfaces[row]
-    bounds = local_line(5)
-    single = True
-    if s.kind == NURBS:
-        i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
-        j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], box[2])
-        at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
-        single = box[1] <= p.breaks[at_u + 1, 0] and box[3] <= p.breaks[at_v + 1, 0]
-        if single:
-            whole_u = box[0] <= p.breaks[at_u, 0] and box[1] >= p.breaks[at_u + 1, 0]
-            whole_v = box[2] <= p.breaks[at_v, 0] and box[3] >= p.breaks[at_v + 1, 0]
-            if s.rational and whole_u and whole_v:
-                piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
-                for k in range(5):
-                    bounds[k] = p.bounds[piece, k]
-                for k in range(BOXES):
-                    out[3 + k] = p.boxes[piece, k]
-            else:
-                net = local_line(NET)
-                dim = bezier_net(g, row, box[0], box[1], box[2], box[3], net)
-                h_u, h_v = box[1] - box[0], box[3] - box[2]
-                net_bounds(net, s.degree_u, s.degree_v, dim, h_u, h_v, bounds, out[3:])
-            out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
-            return True
-    box_bounds(g, p, row, box[0], box[1], box[2], box[3], bounds)
-    out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
-    if s.kind == NURBS:
-        box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
-    return single
+
+@leaf
+def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, error: float) -> int:
+    """Bounds and grid of a cell whose box is set, within those of its parent (-1: none); returns its extent."""
+    nurbs = g.surfaces[row].kind == NURBS
+    extent = _extent(g, p, row, c.box[node])
+    _measure(g, p, row, c.box[node], extent == PART, c.box[node, SECOND:])
+    if parent >= 0:
+        # What holds for a cell holds for its children.
+        _keep_smaller(c.box[parent, SECOND:], c.box[node, SECOND:], nurbs)
+    nu, nv = _count_grid(c, node, nurbs, error)
+    if extent == WHOLE and nu * nv > UNDIVIDED and g.surfaces[row].rational == 0:
+        # The pieces' bounds were found without cutting; where that costs triangles the piece is cut out.
+        coarse = local_line(MEASURES)
+        for k in range(MEASURES):
+            coarse[k] = c.box[node, SECOND + k]
+        _measure(g, p, row, c.box[node], True, c.box[node, SECOND:])
+        _keep_smaller(coarse, c.box[node, SECOND:], True)
+        _count_grid(c, node, nurbs, error)
+    return extent
 
 
 @leaf
@@ -206,19 +262,6 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     return nu > nv
 
 
-@leaf
-def _tighten(c: Cells, node: int, kid: int, vectors: bool) -> None:
-    """What holds for a cell holds for its children: bounds shrink going down, whatever roundoff does to them."""
-    for m in range(3):
-        c.box[kid, SECOND + m] = min(c.box[kid, SECOND + m], c.box[node, SECOND + m])
-    if vectors:
-        for m in range(3):
-            for k in range(VECTORS + 6 * m, VECTORS + 6 * m + 3):
-                low, high = max(c.box[kid, k], c.box[node, k]), min(c.box[kid, k + 3], c.box[node, k + 3])
-                if low <= high:
-                    c.box[kid, k], c.box[kid, k + 3] = low, high
-
-
 @helper
 def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Cells:
     """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
@@ -228,11 +271,10 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
         c.box[0, k] = box[k]
     n = 1
     depth = np.zeros(start, dtype=np.int64)
-    inner = np.zeros(start, dtype=np.int64)  # 1: the cell lies within one piece
-    inner[0] = 1 if _measure(g, p, row, c.box[0], c.box[0, SECOND:]) else 0
+    extent = np.zeros(start, dtype=np.int64)
+    extent[0] = _plan(g, p, row, c, 0, -1, error)
     nurbs = g.surfaces[row].kind == NURBS
-    nu, nv = _count_grid(c, 0, nurbs, error)
-    if nu * nv > 1:
+    if c.node[0, GRID + 0] * c.node[0, GRID + 1] > 1:
         error *= CELL_SHARE
         _count_grid(c, 0, nurbs, error)
     node = 0
@@ -244,9 +286,12 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
             if n + 2 > len(depth):
                 more = np.zeros((2, 2 * (n + 2)), dtype=np.int64)
                 more[0, : len(depth)] = depth
-                more[1, : len(depth)] = inner
-                depth, inner = more[0], more[1]
-            single = inner[node] > 0
+                more[1, : len(depth)] = extent
+                depth, extent = more[0], more[1]
+            single = extent[node] != SEVERAL
+            if single and nurbs and _is_even(c.box[node, SECOND:]):
+                node += 1
+                continue
             along_u = _split_axis(g, p, row, c, node, single)
             cut = _cut(g, p, row, c.box[node], along_u)
             both = 0.0
@@ -258,10 +303,8 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
                     c.box[kid, 1 - k] = cut
                 else:
                     c.box[kid, 3 - k] = cut
-                inner[kid] = 1 if _measure(g, p, row, c.box[kid], c.box[kid, SECOND:]) else 0
-                _tighten(c, node, kid, nurbs)
-                nu, nv = _count_grid(c, kid, nurbs, error)
-                both += float(nu) * float(nv)
+                extent[kid] = _plan(g, p, row, c, kid, node, error)
+                both += float(c.node[kid, GRID + 0]) * float(c.node[kid, GRID + 1])
                 depth[kid] = depth[node] + 1
             large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
             # Bounds of a rational cell shrink much faster than it does while its weights are far from equal.
@@ -276,8 +319,26 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
 
 
 @leaf
-def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, out: Floats) -> None:
-    """Second-derivative bounds (3,) of the leaves that meet a parameter box to ``out``, then their boxes if wanted."""
+def _is_leaf_around(c: Cells, node: int, u0: float, u1: float, v0: float, v1: float) -> bool:
+    """Whether ``node`` is a leaf that holds a parameter box alone."""
+    if node >= len(c.node) or c.node[node, CHILD] >= 0:
+        return False
+    b = c.box[node]
+    return b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]
+
+
+@leaf
+def cell_bounds(
+    c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, near: Ints, out: Floats
+) -> None:
+    """Second-derivative bounds (3,) of the leaves that meet a parameter box to ``out``, then their boxes if wanted.
+
+    ``near`` (1,) is where the search begins, a number >= 0 of any leaf, and gets the last leaf found.
+    """
+    if _is_leaf_around(c, near[0], u0, u1, v0, v1):
+        for k in range(3 + (BOXES if vectors else 0)):
+            out[k] = c.box[near[0], SECOND + k]
+        return
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
     if vectors:
         for m in range(3):
@@ -289,6 +350,7 @@ def cell_bounds(c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: b
         top -= 1
         node = stack[top]
         if c.node[node, CHILD] < 0:
+            near[0] = node
             for k in range(3):
                 out[k] = max(out[k], c.box[node, SECOND + k])
             if vectors:

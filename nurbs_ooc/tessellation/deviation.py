@@ -16,14 +16,18 @@ from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
-from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
+from nurbs_ooc.bounds.triangle_bound import corner_hair, norm_bound, vector_bound
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import Cells, cell_bounds
+from nurbs_ooc.tessellation.cells import SECOND, Cells, cell_bounds
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_TRIANGLES, Triangulation
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+
+# Where roundoff of the corners may take more than this share of the error, cells beyond them are looked at instead.
+HAIR_SHARE = 1e-4
 
 
 class Frame(NamedTuple):
@@ -40,6 +44,7 @@ class Check(NamedTuple):
 
     second: Floats  # (3 + BOXES,) what the last bound rests on, see ``cell_bounds``
     stack: Ints  # (256,) of a walk in the kd-tree
+    near: Ints  # (1,) the leaf where the last walk ended
 
 
 @leaf
@@ -66,12 +71,19 @@ def _corners_bound(
     # Half a lattice step wider, for corners were rounded.
     u0, u1 = f.u0 + f.du * (min(x0, x1, x2) - 0.5), f.u0 + f.du * (max(x0, x1, x2) + 0.5)
     v0, v1 = f.v0 + f.dv * (min(y0, y1, y2) - 0.5), f.v0 + f.dv * (max(y0, y1, y2) + 0.5)
+    # Cells are met half a step inside, or those of a grid would all meet their neighbours: what lies beyond is a
+    # matter of ``hair``.
+    hair_u, hair_v = min(f.du, 0.5 * (u1 - u0)), min(f.dv, 0.5 * (v1 - v0))
+    hair = corner_hair(c.box[0, SECOND:], f.du, f.dv)
+    if hair > HAIR_SHARE * enough:
+        hair_u, hair_v = 0.0, 0.0
     charge = 0.0
     kind = g.surfaces[row].kind
     if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
-        cell_bounds(c, u0, u1, v0, v1, False, check.stack, m)
+        charge = hair
+        cell_bounds(c, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, False, check.stack, check.near, m)
         if kind == NURBS:
-            charge = creases_in_box(p, row, u0, u1, v0, v1)
+            charge += creases_in_box(p, row, u0, u1, v0, v1)
     else:
         bounds = local_line(5)
         closed_form_bounds(g, row, u0, u1, v0, v1, bounds)
@@ -79,7 +91,7 @@ def _corners_bound(
     du, dv = f.du, f.dv
     bound = charge + norm_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
     if kind == NURBS and bound > enough:
-        cell_bounds(c, u0, u1, v0, v1, True, check.stack, m)
+        cell_bounds(c, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, True, check.stack, check.near, m)
         finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
         bound = min(bound, finer)
     return bound
@@ -126,7 +138,7 @@ def segment_bound(
 
 @leaf
 def edge_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, i: int, check: Check
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, i: int, check: Check, enough: float
 ) -> float:
     """Bound of a flat triangle on edge i of k that reaches 1/16 of the way to the opposite corner, mm."""
     q = t.points
@@ -134,7 +146,7 @@ def edge_bound(
     x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
     x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     x, y = x + (q[d, 0] - x) / 16.0, y + (q[d, 1] - y) / 16.0
-    return _corners_bound(g, p, row, c, f, check, 0.0, x0, y0, x1, y1, x, y)
+    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, x, y)
 
 
 @leaf

@@ -138,9 +138,7 @@ def _ask_all(b: Boundary, wanted: Ints) -> None:
 
 
 @helper
-def _constrain(
-    t: Triangulation, b: Boundary, point: Ints, owner: Ints, pairs: Ints, wanted: Ints
-) -> tuple[int, float]:
+def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, pairs: Ints, wanted: Ints) -> tuple[int, float]:
     """Insert all loop segments; how many crossed others, and the longest of those, mm."""
     crossed = np.empty(2, dtype=np.int64)
     lost = 0

@@ -167,7 +167,7 @@ def certify(
                 before = t.n[N_POINTS]
                 _local_metric(t, c, f, check.second, target)
                 free, q_free, fixed, q_fixed = _longest_edges(t, f, k, check.second)
-                alone = edge_bound(g, p, row, c, f, t, k, fixed, check) if q_fixed > target else 0.0
+                alone = edge_bound(g, p, row, c, f, t, k, fixed, check, target) if q_fixed > target else 0.0
                 if alone > target:
                     _blame(t, k, fixed, alone / target, blame)
                     code = LONG_EDGE

@@ -49,7 +49,7 @@ def _faces(
     ends = np.zeros((high - low, 3), dtype=np.int64)
     codes = np.zeros((high - low, 3), dtype=np.int64)
     errors = np.zeros((high - low, 3))
-    check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64))
+    check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64))
     scratch = np.empty((4, MAX_DEGREE + 2))
     room = room_for(1024)
     for i in range(high - low):
