@@ -1,8 +1,8 @@
 """Pieces of all curves of a part between their knots, each with its bounds: computed once, looked up often.
 
 The derivatives of a polynomial B-spline curve are B-splines whose control points are differences of its
-own (see ``spline_bounds``), so one pass over the curve bounds them on all its spans; its box on a piece is
-that of the ends, widened by what the second derivative allows.
+own (see ``spline_bounds``), so one pass over the curve bounds them on all its spans; a p-curve's box on a
+piece is that of the ends, widened by what the second derivative allows.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class CurvePieces(NamedTuple):
 
     first: Ints  # (n_curves + 1,)
     start: Floats  # (n_pieces,) parameter at which a piece begins
-    bounds: Floats  # (n_pieces, SIZE), see ``curve_bounds``
+    bounds: Floats  # (n_pieces, SIZE), see ``curve_bounds``; the box of a spline in space may be all of it
 
 
 @leaf
@@ -132,7 +132,9 @@ def _spline_bounds(g: Tables, row: int, p: CurvePieces, first: Floats, second: F
         for m in range(LOW):
             out[m] *= OUTWARD
         if dim > 2:
-            # Boxes are asked of p-curves alone.
+            # Only the boxes of p-curves are ever asked for.
+            for m in range(dim):
+                out[LOW + m], out[HIGH + m] = -math.inf, math.inf
             continue
         curve_point(g, row, at, scratch, end)
         for m in range(dim):

@@ -42,30 +42,23 @@ def find_span(values: Floats, knots: int, n: int, degree: int, t: float) -> int:
 def basis(values: Floats, knots: int, span: int, degree: int, t: float, out: Floats, slope: Floats) -> None:
     """Write the degree + 1 non-zero basis functions at ``t`` to ``out`` and their derivatives to ``slope``."""
     out[0] = 1.0
-    for k in range(degree + 1):
-        slope[k] = 0.0
+    slope[0] = 0.0
     for d in range(1, degree + 1):
-        if d == degree:
-            # Differentiate while the functions of one degree less are at hand (eq. 2.7).
-            for k in range(degree + 1):
-                i = knots + span - degree + k
-                if k > 0:
-                    gap = values[i + degree] - values[i]
-                    if gap > 0.0:
-                        slope[k] += degree * out[k - 1] / gap
-                if k < degree:
-                    gap = values[i + degree + 1] - values[i + 1]
-                    if gap > 0.0:
-                        slope[k] -= degree * out[k] / gap
         saved = 0.0
+        before = 0.0
         for r in range(d):
-            right = values[knots + span + r + 1] - t
-            left = t - values[knots + span + 1 - d + r]
-            gap = right + left
+            high, low = values[knots + span + r + 1], values[knots + span + 1 - d + r]
+            gap = high - low
             part = out[r] / gap if gap > 0.0 else 0.0
-            out[r] = saved + right * part
-            saved = left * part
+            out[r] = saved + (high - t) * part
+            saved = (t - low) * part
+            if d == degree:
+                # The quotients of one degree less are those of the derivatives (eq. 2.7).
+                slope[r] = degree * (before - part)
+                before = part
         out[d] = saved
+        if d == degree:
+            slope[d] = degree * before
 
 
 @leaf

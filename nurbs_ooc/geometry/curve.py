@@ -37,28 +37,27 @@ def curve_point(g: Tables, row: int, t: float, scratch: Floats, out: Floats) -> 
         return
     span = find_span(g.values, c.knots, c.n, c.degree, t)
     basis(g.values, c.knots, span, c.degree, t, scratch[0], scratch[1])
-    for k in range(dim):
-        out[k] = 0.0
-        out[3 + k] = 0.0
-    if c.rational == 0:
-        for i in range(c.degree + 1):
-            at = p + (span - c.degree + i) * dim
-            for k in range(dim):
-                out[k] += scratch[0, i] * g.values[at + k]
-                out[3 + k] += scratch[1, i] * g.values[at + k]
-        return
-    w = 0.0
+    step = dim + (1 if c.rational else 0)
+    w = 1.0
     dw = 0.0
-    for i in range(c.degree + 1):
-        at = p + (span - c.degree + i) * (dim + 1)
-        for k in range(dim):
-            out[k] += scratch[0, i] * g.values[at + k]
-            out[3 + k] += scratch[1, i] * g.values[at + k]
-        w += scratch[0, i] * g.values[at + dim]
-        dw += scratch[1, i] * g.values[at + dim]
+    if c.rational:
+        w = 0.0
+        for i in range(c.degree + 1):
+            weight = g.values[p + (span - c.degree + i) * step + dim]
+            w += scratch[0, i] * weight
+            dw += scratch[1, i] * weight
     for k in range(dim):
-        out[k] /= w
-        out[3 + k] = (out[3 + k] - dw * out[k]) / w
+        x = 0.0
+        dx = 0.0
+        for i in range(c.degree + 1):
+            value = g.values[p + (span - c.degree + i) * step + k]
+            x += scratch[0, i] * value
+            dx += scratch[1, i] * value
+        if c.rational:
+            x /= w
+            dx = (dx - dw * x) / w
+        out[k] = x
+        out[3 + k] = dx
 
 
 @kernel

@@ -45,31 +45,37 @@ def _nurbs_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
     basis(values, s.knots_u, span_u, s.degree_u, u, scratch[0], scratch[1])
     basis(values, s.knots_v, span_v, s.degree_v, v, scratch[2], scratch[3])
     dim = 4 if s.rational else 3
-    for k in range(12):
-        out[k] = 0.0
+    # Sums in registers: a row of control points along v and its slope, then rows along u.
+    p0, p1, p2, w = 0.0, 0.0, 0.0, 0.0
+    u0, u1, u2, wu = 0.0, 0.0, 0.0, 0.0
+    v0, v1, v2, wv = 0.0, 0.0, 0.0, 0.0
     for i in range(s.degree_u + 1):
-        row_at = s.points + ((span_u - s.degree_u + i) * s.n_v + span_v - s.degree_v) * dim
+        at = s.points + ((span_u - s.degree_u + i) * s.n_v + span_v - s.degree_v) * dim
+        a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
+        b0, b1, b2, b3 = 0.0, 0.0, 0.0, 0.0
         for j in range(s.degree_v + 1):
-            at = row_at + j * dim
-            b = scratch[0, i] * scratch[2, j]
-            bu = scratch[1, i] * scratch[2, j]
-            bv = scratch[0, i] * scratch[3, j]
-            for k in range(3):
-                x = values[at + k]
-                out[k] += b * x
-                out[3 + k] += bu * x
-                out[6 + k] += bv * x
+            n, d = scratch[2, j], scratch[3, j]
+            a0 += n * values[at]
+            a1 += n * values[at + 1]
+            a2 += n * values[at + 2]
+            b0 += d * values[at]
+            b1 += d * values[at + 1]
+            b2 += d * values[at + 2]
             if dim == 4:
-                x = values[at + 3]
-                out[9] += b * x
-                out[10] += bu * x
-                out[11] += bv * x
+                a3 += n * values[at + 3]
+                b3 += d * values[at + 3]
+            at += dim
+        n, d = scratch[0, i], scratch[1, i]
+        p0, p1, p2, w = p0 + n * a0, p1 + n * a1, p2 + n * a2, w + n * a3
+        u0, u1, u2, wu = u0 + d * a0, u1 + d * a1, u2 + d * a2, wu + d * a3
+        v0, v1, v2, wv = v0 + n * b0, v1 + n * b1, v2 + n * b2, wv + n * b3
     if dim == 4:
-        w = out[9]
-        for k in range(3):
-            out[k] /= w
-            out[3 + k] = (out[3 + k] - out[10] * out[k]) / w
-            out[6 + k] = (out[6 + k] - out[11] * out[k]) / w
+        p0, p1, p2 = p0 / w, p1 / w, p2 / w
+        u0, u1, u2 = (u0 - wu * p0) / w, (u1 - wu * p1) / w, (u2 - wu * p2) / w
+        v0, v1, v2 = (v0 - wv * p0) / w, (v1 - wv * p1) / w, (v2 - wv * p2) / w
+    out[0], out[1], out[2] = p0, p1, p2
+    out[3], out[4], out[5] = u0, u1, u2
+    out[6], out[7], out[8] = v0, v1, v2
 
 
 @leaf
@@ -110,7 +116,7 @@ def _swept_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
 
 @leaf
 def surface_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: Floats) -> None:
-    """Write S, S_u, S_v to ``out[0:9]`` (size >= 12); ``scratch`` is (4, MAX_DEGREE + 2)."""
+    """Write S, S_u, S_v to ``out[0:9]``; ``scratch`` is (4, MAX_DEGREE + 2)."""
     s = g.surfaces[row]
     if s.kind == NURBS:
         _nurbs_point(g, row, u, v, scratch, out)
