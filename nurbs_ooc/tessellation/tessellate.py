@@ -203,7 +203,7 @@ def tessellate(
         rounds.append(_join(geometry, rows, results, error))
         if not parts.any() or turn == MAX_ROUNDS:
             break
-        samples, changed = split_segments(g, samples, parts, run)
+        samples, changed = split_segments(g, uses, samples, parts, run)
         # Once more: who asked, and who looks at an edge that has changed.
         again = faces_of_edges(g, uses, changed)
         again[rows[_waiting(results)]] = True

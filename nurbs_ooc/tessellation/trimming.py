@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.geometry.curve import curve_point
+from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
@@ -69,14 +69,11 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
         for c in range(g.loops[m].first_coedge, g.loops[m].first_coedge + g.loops[m].n_coedges):
             coedge = g.coedges[c]
             e = coedge.edge
-            edge = g.edges[e]
-            curve = g.curves[coedge.pcurve]
             low, high = samples.first[e], samples.first[e + 1]
             trim = max(trim, samples.trim[c])
             for i in range(high - low):
                 k = high - 1 - i if coedge.reversed else low + i
-                t = curve.t0 + (samples.t[k] - edge.t0) * (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
-                curve_point(g, coedge.pcurve, t, scratch, point)
+                coedge_uv(g, c, samples.t[k], scratch, point)
                 u, v = point[0], point[1]
                 surface_point(g, row, u, v, scratch, point)
                 off = 0.0
