@@ -27,7 +27,7 @@ from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
 from nurbs_ooc.bounds.triangle_bound import grid_bounds
-from nurbs_ooc.geometry.bezier_net import LINE, bezier_net
+from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -48,8 +48,6 @@ UNDIVIDED = 2.0
 MOST_UNTRIED = 64.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
 MAX_CELLS = 1 << 18
-# Numbers of the largest net.
-NET = 4 * LINE * LINE
 
 
 # Columns of ``Cells.node`` and ``Cells.box``.

@@ -20,8 +20,5 @@ OPEN_DEFECTS = frozenset(
         "knot_p+1_two_components",
         # Its web is drawn by the even-odd rule at one error.
         "near_hole_web_5e-07",
-        # Weights over four decades: does not end.
-        "quarter_circle_weights_1e4",
-        "hypar_weights_1e4",
     }
 )
