@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import types
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
@@ -20,7 +20,9 @@ def _array_on_stack(shape: tuple[int, ...]) -> tuple[types.Array, Callable[..., 
     count = int(np.prod(shape))
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        place = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), count))
+        # Not ``cgutils.alloca_once``: that writes zeros at every call.
+        with builder.goto_entry_block():
+            place = builder.alloca(ir.ArrayType(ir.DoubleType(), count))
         array = context.make_array(array_type)(context, builder)
         strides = [8 * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
         context.populate_array(
@@ -58,11 +60,11 @@ if TYPE_CHECKING or numba.config.DISABLE_JIT:
 
     def local_line(n: int) -> npt.NDArray[np.float64]:
         """(n,) numbers of any value, n a constant; they end with the function that asks for them."""
-        return np.empty(n)
+        return np.full(n, np.nan)
 
     def local_table(n: int, m: int) -> npt.NDArray[np.float64]:
         """(n, m) numbers of any value, n and m constants; they end with the function that asks for them."""
-        return np.empty((n, m))
+        return np.full((n, m), np.nan)
 
 else:
     local_line = _line

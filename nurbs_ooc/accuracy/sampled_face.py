@@ -38,6 +38,7 @@ from nurbs_ooc.tessellation.triangulate import (
     Triangulation,
     insert_point,
     new_triangulation,
+    room_for,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -287,7 +288,8 @@ def sampled_face(g: Tables, row: int, error: float, grid: int, capacity: int) ->
     su = math.sqrt(s[0, 3] ** 2 + s[0, 4] ** 2 + s[0, 5] ** 2) * size_u
     sv = math.sqrt(s[0, 6] ** 2 + s[0, 7] ** 2 + s[0, 8] ** 2) * size_v
     room = n + m + 8 if error <= 0.0 else n + SPARE * m + capacity
-    t = new_triangulation(room, max(su, 1e-3 * sv, 1e-300), max(sv, 1e-3 * su, 1e-300))
+    arrays = room_for(room)
+    t = new_triangulation(arrays, room, max(su, 1e-3 * sv, 1e-300), max(sv, 1e-3 * su, 1e-300))
     exact = np.empty((room + N_OUTER, 2))
     point = np.empty(n + m, dtype=np.int64)
     for i in range(n + m):
@@ -299,10 +301,10 @@ def sampled_face(g: Tables, row: int, error: float, grid: int, capacity: int) ->
         if t.n[N_POINTS] > before:
             exact[point[i], 0], exact[point[i], 1] = u, v
     code = READY
-    pairs, crossed = np.empty((len(t.tri), 2), dtype=np.int64), np.empty(2, dtype=np.int64)
+    crossed = np.empty(2, dtype=np.int64)
     for i in range(n):
         p, q = point[i], point[follow[i]]
-        if p != q and not insert_constraint(t, p, q, pairs, crossed):
+        if p != q and not insert_constraint(t, p, q, arrays.pairs, crossed):
             code = CROSSED
     flood_inside(t)
     if error > 0.0:

@@ -1,4 +1,4 @@
-"""Numbers that no surface can be made of: not finite, weights that are not positive, knots that fall.
+"""Numbers that no surface can be made of: not finite, weights that are not positive, knots that fall or tear it.
 
 Readers heal or refuse such records; what comes through other doors (a program's own batches, an old
 store) is found here, so that one bad face costs that face and its mates along a bad edge, no more.
@@ -52,6 +52,10 @@ def _knot_fault(values: Floats, start: int, n: int, degree: int) -> int:
         return NOT_FINITE
     for i in range(start, start + n + degree):
         if values[i] > values[i + 1]:
+            return BAD_KNOTS
+    # An inner knot of more than the degree tears the curve or surface in two; what joins the parts is not the file's.
+    for i in range(start + 1, start + n):
+        if values[i] == values[i + degree]:
             return BAD_KNOTS
     return 0 if values[start + degree] < values[start + n] else BAD_KNOTS
 

@@ -118,12 +118,11 @@ def _collect(t: Triangulation, a: int, b: int, k: int, i: int, pairs: Ints) -> t
 @helper
 def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool:
     """Flip the crossed edges until a-b is an edge; False if that does not end."""
-    capacity = len(pairs)
+    capacity = len(pairs)  # its columns 2 and 3: edges that were made
     head = 0
     waiting = n
     made = 0
     tries = 0
-    fresh = np.empty((capacity, 2), dtype=np.int64)
     while waiting > 0:
         tries += 1
         if tries > 16 * n * n + 64 * n + 256:
@@ -149,13 +148,13 @@ def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool
             pairs[tail, 0], pairs[tail, 1] = p, d
             waiting += 1
         elif made < capacity:
-            fresh[made, 0], fresh[made, 1] = p, d
+            pairs[made, 2], pairs[made, 3] = p, d
             made += 1
     # Give the new edges back the Delaunay property, except the constraint itself.
     for _ in range(4):
         flipped = False
         for m in range(made):
-            p, d = fresh[m, 0], fresh[m, 1]
+            p, d = pairs[m, 2], pairs[m, 3]
             if (p == a and d == b) or (p == b and d == a):
                 continue
             k, i = find_edge(t, p, d)
@@ -170,7 +169,7 @@ def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool
                 and orient(t.points, f, e, s) > 0
             ):
                 flip(t, k, i)
-                fresh[m, 0], fresh[m, 1] = f, e
+                pairs[m, 2], pairs[m, 3] = f, e
                 flipped = True
         if not flipped:
             break
@@ -181,7 +180,7 @@ def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool
 def insert_constraint(t: Triangulation, a: int, b: int, pairs: Ints, crossed: Ints) -> bool:
     """Make a-b an edge (or a chain of edges through points exactly on it) and count it as fixed.
 
-    ``pairs`` is scratch (capacity of triangles, 2). On False the segment crosses a fixed edge, whose
+    ``pairs`` is scratch (see ``Room``). On False the segment crosses a fixed edge, whose
     ends are in ``crossed``; nothing beyond what was passed is marked.
     """
     while a != b:

@@ -8,6 +8,7 @@ edges, so that shared edges stay shared.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +31,11 @@ from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
 from nurbs_ooc.tessellation.refine import certify, parts_needed
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
+    N_OUTER,
     N_TRIANGLES,
+    Room,
     Triangulation,
+    enough_room,
     insert_point,
     new_triangulation,
 )
@@ -45,7 +49,7 @@ EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 
-# Results of ``tessellate_face``.
+# Codes of a ``Draft``.
 READY, NEEDS_SAMPLES = 0, 1
 # Points of one face, absolutely and by what its grids and boundary promise; a face that wants more keeps
 # the bound it has reached and says so.
@@ -55,6 +59,20 @@ SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 MAX_BLAMES = 256
+
+
+class Draft(NamedTuple):
+    """A face as ``tessellate_face`` leaves it."""
+
+    code: int  # READY, or NEEDS_SAMPLES: nothing else counts then
+    boundary: Boundary
+    triangulation: Triangulation
+    point: Ints  # (n_boundary,) boundary to lattice points
+    frame: Frame
+    worst: float  # mm, the largest bound of a triangle
+    extra: float  # mm, what a fallback adds to the trim error
+    status: int
+    reason: int
 
 
 @leaf
@@ -120,9 +138,10 @@ def _ask_all(b: Boundary, wanted: Ints) -> None:
 
 
 @helper
-def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, wanted: Ints) -> tuple[int, float]:
+def _constrain(
+    t: Triangulation, b: Boundary, point: Ints, owner: Ints, pairs: Ints, wanted: Ints
+) -> tuple[int, float]:
     """Insert all loop segments; how many crossed others, and the longest of those, mm."""
-    pairs = np.empty((len(t.tri), 2), dtype=np.int64)
     crossed = np.empty(2, dtype=np.int64)
     lost = 0
     longest = 0.0
@@ -171,74 +190,82 @@ def _any_inside(t: Triangulation) -> bool:
 
 
 @helper
+def _waiting(b: Boundary, t: Triangulation, point: Ints, f: Frame) -> Draft:
+    """A face that has asked for samples."""
+    return Draft(NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0)
+
+
+@helper
+def _nothing_inside(b: Boundary, t: Triangulation, point: Ints, f: Frame, final: bool, wanted: Ints) -> Draft:
+    """A face whose loops enclose nothing: it asks for twice the samples, or its boundary points stand for it."""
+    if not final:
+        _ask_all(b, wanted)
+        return _waiting(b, t, point, f)
+    return Draft(READY, b, t, point, f, box_diagonal(b.position), 0.0, DEGRADED, BOX_AS_POINTS)
+
+
+@helper
 def tessellate_face(
     g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, check: Check,
-    wanted: Ints,
-) -> tuple[int, Boundary, Triangulation, Ints, Frame, float, float, int, int]:  # fmt: skip
+    wanted: Ints, room: Room,
+) -> tuple[Draft, Room]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
     With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts
-    it must be cut into) and returns NEEDS_SAMPLES. Otherwise READY, with the boundary, the
-    triangulation, the map of boundary to lattice points, the lattice frame, the largest triangle bound
-    (mm), an extra trim error (mm), and status and reason of what had to be done.
+    it must be cut into) and returns NEEDS_SAMPLES. The triangulation lies in ``room``, or in the larger
+    one that is returned.
     """
     b = gather_boundary(g, samples, row)
     n = len(b.next)
     point = np.full(n, -1, dtype=np.int64)
-    empty = b.box[1] <= b.box[0] or b.box[3] <= b.box[2] or n < 3
     size_u, size_v = b.box[1] - b.box[0], b.box[3] - b.box[2]
     f = Frame(b.box[0], b.box[2], size_u / LATTICE, size_v / LATTICE)
     target = max(error - b.trim - b.gap, error * (1.0 - GAP_SHARE)) * AIM
     flat = g.surfaces[row].kind == PLANE
-    if empty:
-        if not final:
-            _ask_all(b, wanted)
-            return NEEDS_SAMPLES, b, new_triangulation(0, 1.0, 1.0), point, f, 0.0, 0.0, 0, 0
-        return READY, b, new_triangulation(0, 1.0, 1.0), point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+    if size_u <= 0.0 or size_v <= 0.0 or n < 3:
+        return _nothing_inside(b, new_triangulation(room, 0, 1.0, 1.0), point, f, final, wanted), room
     c = build_cells(g, p, row, b.box, 1e300 if flat else target)
     du, dv = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
-    room = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
+    capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
-        t = new_triangulation(room, du * f.du * LATTICE, dv * f.dv * LATTICE)
-        owner = np.full(len(t.points), -1, dtype=np.int64)
+        room = enough_room(room, capacity)
+        t = new_triangulation(room, capacity, du * f.du * LATTICE, dv * f.dv * LATTICE)
+        owner = np.full(capacity + N_OUTER, -1, dtype=np.int64)
         status, reason, extra = 0, 0, 0.0
         _triangulate_loops(t, b, point, owner)
-        lost, longest = _constrain(t, b, point, owner, wanted)
+        lost, longest = _constrain(t, b, point, owner, room.pairs, wanted)
         if lost > 0 and not final:
-            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+            return _waiting(b, t, point, f), room
         if lost > 0:
             mask_inside(t, b, point)
             status, reason, extra = DEGRADED, EVEN_ODD_MASK, longest
         else:
             flood_inside(t)
         if not _any_inside(t):
-            if not final:
-                _ask_all(b, wanted)
-                return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
-            return READY, b, t, point, f, box_diagonal(b), 0.0, DEGRADED, BOX_AS_POINTS
+            return _nothing_inside(b, t, point, f, final, wanted), room
         if flat:
-            return READY, b, t, point, f, 0.0, extra, status, reason
+            return Draft(READY, b, t, point, f, 0.0, extra, status, reason), room
         if not final and _ask_for_long_segments(g, p, row, c, f, t, b, point, target, check, wanted):
-            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+            return _waiting(b, t, point, f), room
         blame = np.zeros(3 * MAX_BLAMES + 1, dtype=np.int64)
         code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
         worst = 0.0
         if code == DONE:
             code, worst = certify(g, p, row, c, f, t, target, check, blame)
-        if code == FULL and room < most:
-            room = min(2 * room, most)
+        if code == FULL and capacity < most:
+            capacity = min(2 * capacity, most)
             continue
         if code == FULL:
             status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, target, check)
         elif code != DONE and not final:
             for m in range(blame[0]):
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
-            return NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0
+            return _waiting(b, t, point, f), room
         if worst > target:
             # No point is farther off than the face is large.
             worst = min(worst, surface_diagonal(g, row, b))
             if status == 0:
                 status, reason = DEGRADED, BUDGET_EXHAUSTED
-        return READY, b, t, point, f, worst, extra, status, reason
+        return Draft(READY, b, t, point, f, worst, extra, status, reason), room

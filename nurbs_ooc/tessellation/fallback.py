@@ -18,6 +18,7 @@ from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
+Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
@@ -49,12 +50,12 @@ def segment_length(b: Boundary, i: int) -> float:
 
 
 @leaf
-def box_diagonal(b: Boundary) -> float:
-    """Diagonal of the box of all boundary points, mm."""
+def box_diagonal(points: Floats) -> float:
+    """Diagonal of the box of points (n, 3); 0 of none."""
     total = 0.0
     for k in range(3):
-        if len(b.position):
-            total += (b.position[:, k].max() - b.position[:, k].min()) ** 2
+        if len(points):
+            total += (points[:, k].max() - points[:, k].min()) ** 2
     return math.sqrt(total)
 
 

@@ -23,8 +23,10 @@ from nurbs_ooc.tessellation.deviation import Check
 from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
-from nurbs_ooc.tessellation.face import BOX_AS_POINTS, NEEDS_SAMPLES, tessellate_face
+from nurbs_ooc.tessellation.face import BOX_AS_POINTS, DEGRADED, NEEDS_SAMPLES, tessellate_face
+from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
+from nurbs_ooc.tessellation.triangulate import room_for
 from nurbs_ooc.tessellation.workers import chunk_runner
 
 Floats = npt.NDArray[np.float64]
@@ -32,6 +34,7 @@ Ints = npt.NDArray[np.int64]
 
 # Rounds of "more samples on these segments".
 MAX_ROUNDS = 7
+NO_TRIANGLES = int(FaceReason.NO_TRIANGLES)
 # Smallest error that is taken at its word, relative to the size of the coordinates: a few units of roundoff.
 SMALLEST_ERROR = 2.0**-46
 
@@ -48,23 +51,29 @@ def _faces(
     errors = np.zeros((high - low, 3))
     check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64))
     scratch = np.empty((4, MAX_DEGREE + 2))
+    room = room_for(1024)
     for i in range(high - low):
         row = faces[low + i]
         s = g.surfaces[row]
         codes[i, 1], codes[i, 2] = s.status, s.reason
         if s.status != 3:
-            code, b, t, point, f, worst, extra, status, reason = tessellate_face(
-                g, p, samples, row, error, final, check, wanted
-            )
-            codes[i, 0] = code
-            if status > codes[i, 1]:
-                codes[i, 1], codes[i, 2] = status, reason
-            if code != NEEDS_SAMPLES:
-                if reason == BOX_AS_POINTS:
+            d, room = tessellate_face(g, p, samples, row, error, final, check, wanted, room)
+            codes[i, 0] = d.code
+            if d.status > codes[i, 1]:
+                codes[i, 1], codes[i, 2] = d.status, d.reason
+            if d.code != NEEDS_SAMPLES:
+                b = d.boundary
+                first, drawn = o.n[0], o.n[1]
+                extra = d.extra
+                if d.reason == BOX_AS_POINTS:
                     o = emit_points(b, o)
                 else:
-                    o = emit_face(g, row, b, t, point, f, scratch, o)
-                errors[i, 0], errors[i, 1], errors[i, 2] = worst, b.trim + extra, b.gap
+                    o = emit_face(g, row, b, d.triangulation, d.point, d.frame, scratch, o)
+                    if o.n[1] == drawn and codes[i, 1] < DEGRADED:
+                        # Every triangle has two corners in one place: its points alone stand for it.
+                        codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
+                        extra += box_diagonal(o.position[first : o.n[0]])
+                errors[i, 0], errors[i, 1], errors[i, 2] = d.worst, b.trim + extra, b.gap
         for k in range(3):
             ends[i, k] = o.n[k]
     return o, ends, codes, errors

@@ -29,13 +29,20 @@ from nurbs_ooc.geometry.predicates import LATTICE, in_circle, orient
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-
 N_OUTER = 4
 # Columns of ``Triangulation.tri``: three corners, then these.
 ADJACENT, FIXED, INSIDE, CHECKED, STACK = 3, 6, 9, 10, 11
 COLUMNS = 12
 # Entries of ``Triangulation.n``.
 N_POINTS, N_TRIANGLES, LAST = 0, 1, 2
+
+
+class Room(NamedTuple):
+    """Arrays that one triangulation after the other lies in; their values mean nothing between."""
+
+    points: Ints
+    tri: Ints
+    pairs: Ints  # (capacity of triangles, 4) scratch of ``insert_constraint``
 
 
 class Triangulation(NamedTuple):
@@ -47,13 +54,36 @@ class Triangulation(NamedTuple):
     scale: Floats  # (2,) metric of the in-circle test
 
 
+@leaf
+def _triangles_of(points: int) -> int:
+    """Room for the triangles of that many points."""
+    return 2 * points + 64
+
+
 @helper
-def new_triangulation(capacity: int, sx: float, sy: float) -> Triangulation:
-    """An empty one for up to ``capacity`` points: the outer box, cut into two triangles."""
+def room_for(capacity: int) -> Room:
+    """Room for triangulations of up to ``capacity`` points."""
+    points = capacity + N_OUTER
+    return Room(
+        np.empty((points, 3), dtype=np.int64),
+        np.empty((_triangles_of(points), COLUMNS), dtype=np.int64),
+        np.empty((_triangles_of(points), 4), dtype=np.int64),
+    )
+
+
+@helper
+def enough_room(r: Room, capacity: int) -> Room:
+    """``r`` if it holds ``capacity`` points, else a larger one."""
+    return r if capacity + N_OUTER <= len(r.points) else room_for(2 * capacity)
+
+
+@helper
+def new_triangulation(r: Room, capacity: int, sx: float, sy: float) -> Triangulation:
+    """An empty one for up to ``capacity`` points, which ``r`` has room for: the outer box, cut into two triangles."""
     points = capacity + N_OUTER
     t = Triangulation(
-        np.empty((points, 3), dtype=np.int64),
-        np.zeros((2 * points + 64, COLUMNS), dtype=np.int64),
+        r.points[:points],
+        r.tri[: _triangles_of(points)],
         np.zeros(3, dtype=np.int64),
         np.empty(2),
     )
@@ -70,6 +100,9 @@ def new_triangulation(capacity: int, sx: float, sy: float) -> Triangulation:
     t.tri[1, 0], t.tri[1, 1], t.tri[1, 2] = 0, 2, 3
     t.tri[0, ADJACENT], t.tri[0, ADJACENT + 1], t.tri[0, ADJACENT + 2] = -1, 1, -1
     t.tri[1, ADJACENT], t.tri[1, ADJACENT + 1], t.tri[1, ADJACENT + 2] = -1, -1, 0
+    for k in range(2):
+        for column in range(FIXED, COLUMNS):
+            t.tri[k, column] = 0
     t.n[N_POINTS] = N_OUTER
     t.n[N_TRIANGLES] = 2
     t.scale[0], t.scale[1] = sx, sy

@@ -1,4 +1,4 @@
-"""Cases that the tessellator does not pass yet; ``test_open_defects.py`` tests them, as they are.
+"""Cases whose whole truth the tessellator does not meet yet; docs/hard_cases.md says how it fares with them.
 
 A name leaves this list with the change that makes its tests pass.
 """
@@ -14,7 +14,8 @@ OPEN_DEFECTS = frozenset(
         # An apex has one normal for all directions.
         "cone",
         "lemon",
-        # A knot of multiplicity p has one normal instead of two, one of multiplicity p + 1 is bridged.
+        # A knot of multiplicity p has one normal instead of two, one of multiplicity p + 1 is refused instead of
+        # drawn as two components.
         "crease_flat",
         "crease_between_arcs",
         "knot_p+1_two_components",

@@ -75,3 +75,12 @@ def test_a_cylinder_costs_the_same_however_long(prefix: str) -> None:
 def test_degree_25_is_the_same_sphere() -> None:
     mesh = meshes_of("sphere_degree_25", PLAIN)[1][-1]
     assert np.abs(np.linalg.norm(mesh.positions, axis=1) - 1.0).max() < 1e-12
+
+
+def test_knots_anywhere_give_the_same_sphere() -> None:
+    # Knots of 1e9 .. 1e9 + 1 keep seven digits of the parameter: the set is the same, the mesh nearly.
+    counts = {
+        name: len(meshes_of(name, PLAIN)[1][-1].triangles)
+        for name in ("rational_sphere", "sphere_knots_0_to_1e-12", "sphere_knots_1e9_to_1e9+1")
+    }
+    assert max(counts.values()) <= 1.3 * min(counts.values()), counts
