@@ -1,10 +1,12 @@
 """Creases: where the first derivative of a B-spline surface jumps, or turns within a sliver of its domain.
 
+Surfaces that sweep a B-spline profile have creases where the profile has kinks.
+
 At a knot of full multiplicity no second derivative bounds an interpolant across it, so the jump of the
 first derivative is kept and charged instead. Files also have knots so close together that the second
 derivative between them is huge while it hardly turns the surface: bounded by its largest value it would
 call for cells as narrow. Such a strip is taken for a crease that reaches from its first knot to its last,
-whose jump is the integral of the second derivative.
+whose jump is the integral of the second derivative and the jumps inside.
 
 Let the slope jump by at most J within [c0, c1]. In Taylor's formula for the remainder at q (see
 ``triangle_bound``) the strip adds to corner p_i across it at most J times the distance of p_i from the
@@ -31,9 +33,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
-from nurbs_cache.local_array import local_line
+from nurbs_cache.local_array import local_line, local_table
+from nurbs_ooc.bounds.curve_bounds import curve_net
 from nurbs_ooc.bounds.derivatives import MUU, MVV
-from nurbs_ooc.geometry.bezier_net import bezier_net
+from nurbs_ooc.geometry.bezier_net import LINE, bezier_net
 from nurbs_ooc.geometry.tables import Tables
 
 Floats = npt.NDArray[np.float64]
@@ -154,6 +157,28 @@ def slope_jump(
 
 
 @leaf
+def profile_jump(g: Tables, curve: int, t0: float, t: float, t1: float) -> float:
+    """Jump of the first derivative of a B-spline curve in space at the knot ``t`` between neighbouring knots t0, t1."""
+    p = int(g.curves[curve].degree)
+    left = local_table(LINE, 4)
+    right = local_table(LINE, 4)
+    dim = curve_net(g, curve, t0, t, left)
+    curve_net(g, curve, t, t1, right)
+    jump = 0.0
+    scale = 0.0
+    for k in range(3):
+        if dim == 4:
+            slope_left = (left[p, k] / left[p, 3] - left[p - 1, k] / left[p - 1, 3]) * left[p - 1, 3] / left[p, 3]
+            slope_right = (right[1, k] / right[1, 3] - right[0, k] / right[0, 3]) * right[1, 3] / right[0, 3]
+        else:
+            slope_left, slope_right = left[p, k] - left[p - 1, k], right[1, k] - right[0, k]
+        slope_left, slope_right = p * slope_left / (t - t0), p * slope_right / (t1 - t)
+        jump += (slope_right - slope_left) ** 2
+        scale = max(scale, abs(slope_left) + abs(slope_right))
+    return 0.0 if math.sqrt(jump) <= SMOOTH * scale else math.sqrt(jump)
+
+
+@leaf
 def mark_strips(
     breaks: Floats, n: int, error: float, bounds: Floats, boxes: Floats, along_u: bool, others: int
 ) -> None:
@@ -168,21 +193,20 @@ def mark_strips(
     while i < n - 1:
         limit = THIN * (breaks[i, 0] - breaks[i - 1, 0])
         end = i
-        jump = 0.0
+        jump = breaks[i, JUMP]
         while end < n - 1 and end - i < MAX_STRIP and breaks[end + 1, 0] - breaks[i, 0] < limit:
             largest = 0.0
             for k in range(others):
                 largest = max(largest, bounds[end * others + k if along_u else k * n + end, which])
-            jump += largest * (breaks[end + 1, 0] - breaks[end, 0])
+            jump += largest * (breaks[end + 1, 0] - breaks[end, 0]) + breaks[end + 1, JUMP]
             end += 1
         width = breaks[end, 0] - breaks[i, 0]
         if end == i or width >= THIN * (breaks[end + 1, 0] - breaks[end, 0]) or jump * width > STRIP_SHARE * error:
             i += 1
             continue
-        breaks[i, JUMP], breaks[i, REACH] = max(breaks[i, JUMP], jump), width
+        breaks[i, JUMP], breaks[i, REACH] = jump, width
         for m in range(i, end):
             # Creases inside it are part of it.
-            breaks[i, JUMP] += breaks[m + 1, JUMP]
             breaks[m + 1, JUMP], breaks[m + 1, HIDDEN] = 0.0, 1.0
             for k in range(others):
                 row = m * others + k if along_u else k * n + m

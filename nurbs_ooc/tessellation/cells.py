@@ -120,12 +120,12 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> bool:
     s = g.surfaces[row]
     bounds = local_line(5)
     single = True
-    if s.kind == NURBS:
+    if p.table[row, N_U] > 0:
         i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
         j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], box[2])
         at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
         single = box[1] <= p.breaks[at_u + 1, 0] and box[3] <= p.breaks[at_v + 1, 0]
-        if single:
+        if single and s.kind == NURBS:
             whole_u = box[0] <= p.breaks[at_u, 0] and box[1] >= p.breaks[at_u + 1, 0]
             whole_v = box[2] <= p.breaks[at_v, 0] and box[3] >= p.breaks[at_v + 1, 0]
             if s.rational and whole_u and whole_v:
@@ -149,11 +149,11 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> bool:
 
 
 @leaf
-def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
+def _cut(p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     """Where to split a box: at the knot nearest to its middle if there is one inside, else in the middle."""
     low, high = (box[0], box[1]) if along_u else (box[2], box[3])
     middle = 0.5 * (low + high)
-    if g.surfaces[row].kind != NURBS:
+    if p.table[row, N_U] == 0:
         return middle
     at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
     n = p.table[row, N_U] if along_u else p.table[row, N_V]
@@ -188,9 +188,12 @@ def _grown(c: Cells, n: int) -> Cells:
 
 @leaf
 def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
-    """Whether to split along u: the direction of more columns, or, at equal counts, of more knots."""
+    """Whether to split along u: the direction of more columns, or, at equal counts, of more knots.
+
+    Breaks of a swept surface are there to be reached: they go first.
+    """
     nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
-    if single or g.surfaces[row].kind != NURBS:
+    if single or p.table[row, N_U] == 0:
         return nu >= nv
     b = c.box[node]
     spans_u = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], b[1]) - find_break(
@@ -199,7 +202,7 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     spans_v = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], b[3]) - find_break(
         p, p.table[row, BREAK_V], p.table[row, N_V], b[2]
     )
-    if nu == nv:
+    if nu == nv or g.surfaces[row].kind != NURBS:
         return spans_u >= spans_v
     return nu > nv
 
@@ -246,7 +249,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
                 depth, inner = more[0], more[1]
             single = inner[node] > 0
             along_u = _split_axis(g, p, row, c, node, single)
-            cut = _cut(g, p, row, c.box[node], along_u)
+            cut = _cut(p, row, c.box[node], along_u)
             both = 0.0
             for k in range(2):
                 kid = n + k

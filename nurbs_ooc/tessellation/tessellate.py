@@ -68,7 +68,7 @@ def _faces(
                 if d.reason == BOX_AS_POINTS:
                     o = emit_points(b, o)
                 else:
-                    o = emit_face(g, row, b, d.triangulation, d.point, d.frame, scratch, o)
+                    o = emit_face(g, p, row, b, d.triangulation, d.point, d.frame, scratch, o)
                     if o.n[1] == drawn and codes[i, 1] < DEGRADED:
                         # Every triangle has two corners in one place: its points alone stand for it.
                         codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES

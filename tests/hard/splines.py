@@ -156,7 +156,8 @@ def spline_cases() -> list[HardCase]:
         HardCase("knot_p+1_two_components", partial(_face, two_pieces()), area=2.0, euler=2, components=2,
                  distance=off_two_pieces, statuses=EXACT_OR_HEALED, reasons=()),
         HardCase("quarter_circle_weights_1", partial(_face, far_weighted_arc(1.0)), **arc),
-        HardCase("quarter_circle_weights_1e4", partial(_face, far_weighted_arc(1e4)), **arc),
+        # A step of the lattice moves it by 2e-5 mm; with 1e-7 mm of roundoff on top triangles of a few steps may fold.
+        HardCase("quarter_circle_weights_1e4", partial(_face, far_weighted_arc(1e4)), far=False, **arc),
         HardCase("hypar", partial(_face, bilinear()), area=HYPAR_AREA, euler=1, components=1, errors=(0.25, 1e-2, 1e-3),
                  distance=lambda p: np.abs(p[:, 2] - p[:, 0] * p[:, 1]) / np.sqrt(3.0)),
         HardCase("hypar_weights_1e4", partial(_face, bilinear(far_weights)), area=np.sqrt(2.0), euler=1, components=1,
