@@ -66,6 +66,11 @@ class CurveKind(IntEnum):
     HYPERBOLA = 2
 
 
+# What stands in place of an edge's curve: it is one point; it lies where its p-curves run on their surface.
+POLE = -1
+ON_SURFACE = -2
+
+
 class FaceStatus(IntEnum):
     """How a face came through, best first. The worst of reading and tessellating counts."""
 
@@ -157,7 +162,7 @@ CURVE_DTYPE = np.dtype(
 EDGE_DTYPE = np.dtype(
     [
         ("id", "u8"),  # id in the whole assembly: part << 32 | row
-        ("curve", "i4"),  # row of the 3D curve; -1: the edge is one point (a pole)
+        ("curve", "i4"),  # row of the 3D curve; or POLE, ON_SURFACE
         ("vertex0", "i4"),  # row in ``vertices`` at t0
         ("vertex1", "i4"),  # row in ``vertices`` at t1
         ("t0", "f8"),

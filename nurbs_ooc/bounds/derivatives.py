@@ -196,6 +196,16 @@ def _rational_bounds(
 
 
 @leaf
+def weight_spread(net: Floats, n: int) -> float:
+    """Largest over smallest weight of a flat net of ``n`` homogeneous points, all weights > 0."""
+    low = net[3]
+    high = low
+    for i in range(n):
+        low, high = min(low, net[4 * i + 3]), max(high, net[4 * i + 3])
+    return high / low
+
+
+@leaf
 def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
     """Bounds of the derivatives of a flat net (p + 1, q + 1, dim) over a box of size h_u x h_v.
 

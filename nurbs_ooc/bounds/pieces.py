@@ -1,7 +1,8 @@
 """The knot spans of all B-spline surfaces of a part, each with its derivative bounds, and their creases.
 
 The pieces of a surface are its non-empty knot spans inside the used domain. Where a knot has the
-multiplicity of the degree the surface may have a crease (see ``creases``).
+multiplicity of the degree the surface may have a crease (see ``creases``). Surfaces that sweep a profile
+with such knots have breaks too, for the creases alone: their bounds are in closed form.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.creases import crease_charge, is_multiple, mark_strips, slope_jump
-from nurbs_ooc.bounds.derivatives import BOXES, net_bounds
+from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, mark_strips, profile_jump, slope_jump
+from nurbs_ooc.bounds.curve_bounds import NURBS as NURBS_CURVE
+from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
-from nurbs_ooc.geometry.bezier_net import bezier_net
-from nurbs_ooc.geometry.surface import NURBS
+from nurbs_ooc.geometry.bezier_net import NET, bezier_net
+from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
 Floats = npt.NDArray[np.float64]
@@ -27,6 +30,12 @@ Ints = npt.NDArray[np.int64]
 # Files end a face's domain a few units of roundoff beyond a knot: a cut span this thin, relative to the
 # domain, is left to its neighbour. Its own bounds would be differences of roundoff.
 SLIVER = 1e-9
+# Weights of a piece further apart than this: a conic's are 2, a sphere's 4. Each bound carries a power of it.
+FAR_APART = 16.0
+# A line along which derivatives are sought becomes a strip of such a part of its piece, wide if weights allow.
+MODEST = 2.0
+WIDEST = 2.0**-6
+NARROWEST = 2.0**-30
 # Columns of ``Pieces.table``.
 FIRST, N_U, N_V, BREAK_U, BREAK_V = 0, 1, 2, 3, 4
 
@@ -34,10 +43,11 @@ FIRST, N_U, N_V, BREAK_U, BREAK_V = 0, 1, 2, 3, 4
 class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
-    table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0 for tagged surfaces), offsets of breaks
+    table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0: none, no breaks either), offsets of breaks
     breaks: Floats  # (n, 4): value, and what ``creases`` says of it
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
     boxes: Floats  # (n_pieces, BOXES): boxes of the vectors S_uu, S_uv, S_vv
+    spread: Floats  # (n_pieces,) largest over smallest weight of the piece's net; 1 for polynomials
 
 
 @leaf
@@ -50,6 +60,31 @@ def _overlaps(a: float, b: float, low: float, high: float) -> bool:
     return min(b, high) - max(a, low) > SLIVER * (high - low)
 
 
+@leaf
+def _profile_range(g: Tables, row: int) -> tuple[float, float]:
+    """Parameters of its profile that a swept surface uses."""
+    s = g.surfaces[row]
+    low, high = (s.u0, s.u1) if s.kind == EXTRUSION else (s.v0, s.v1)
+    return float(low), float(high)
+
+
+@leaf
+def _profile_spans(g: Tables, row: int) -> int:
+    """Knot spans of a swept surface's profile in use; 0 if the profile cannot have a kink."""
+    c = g.curves[g.surfaces[row].profile]
+    low, high = _profile_range(g, row)
+    if c.kind != NURBS_CURVE:
+        return 0
+    n = 0
+    kinks = False
+    for i in range(c.degree, c.n):
+        a, b = g.values[c.knots + i], g.values[c.knots + i + 1]
+        if _overlaps(a, b, low, high):
+            kinks = kinks or (n > 0 and is_multiple(g, c.knots, c.n, c.degree, a))
+            n += 1
+    return n if kinks else 0
+
+
 @kernel
 def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
     """Pieces per direction of each surface."""
@@ -57,7 +92,12 @@ def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
         s = g.surfaces[row]
         n_u[row] = 0
         n_v[row] = 0
-        if s.kind != NURBS or s.status == 3:
+        if s.status == 3:
+            continue
+        if s.kind == REVOLUTION or s.kind == EXTRUSION:
+            n = _profile_spans(g, row)
+            n_u[row], n_v[row] = (n, min(n, 1)) if s.kind == EXTRUSION else (min(n, 1), n)
+        if s.kind != NURBS:
             continue
         for i in range(s.degree_u, s.n_u):
             if _overlaps(g.values[s.knots_u + i], g.values[s.knots_u + i + 1], s.u0, s.u1):
@@ -92,6 +132,7 @@ def _rational_bounds(g: Tables, p: Pieces, row: int, breaks_u: Floats, breaks_v:
             dim = bezier_net(g, row, u0, u1, v0, v1, net)
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             net_bounds(net, s.degree_u, s.degree_v, dim, u1 - u0, v1 - v0, p.bounds[piece], p.boxes[piece])
+            p.spread[piece] = weight_spread(net, (s.degree_u + 1) * (s.degree_v + 1))
 
 
 @leaf
@@ -105,13 +146,34 @@ def _jumps(g: Tables, row: int, along_u: bool, n: int, breaks: Floats, across: F
             breaks[i, 1] = slope_jump(g, row, along_u, t0, t, t1, across, m, nets[0], nets[1])
 
 
+@leaf
+def _profile_breaks(g: Tables, p: Pieces, row: int, spans: Ints) -> None:
+    """Breaks of a swept surface: the knots of its profile, with their kinks, and the ends of the other direction."""
+    s = g.surfaces[row]
+    c = g.curves[s.profile]
+    low, high = _profile_range(g, row)
+    along_u = s.kind == EXTRUSION
+    at, across = p.table[row, BREAK_U], p.table[row, BREAK_V]
+    p.breaks[across, VALUE], p.breaks[across + 1, VALUE] = s.v0, s.v1
+    n = p.table[row, N_U]
+    if not along_u:
+        at, across = across, at
+        p.breaks[across, VALUE], p.breaks[across + 1, VALUE] = s.u0, s.u1
+        n = p.table[row, N_V]
+    breaks = p.breaks[at : at + n + 1]
+    _list_spans(g, c.knots, c.n, c.degree, low, high, breaks, spans)
+    for i in range(1, n):
+        if is_multiple(g, c.knots, c.n, c.degree, breaks[i, VALUE]):
+            breaks[i, JUMP] = profile_jump(g, s.profile, breaks[i - 1, VALUE], breaks[i, VALUE], breaks[i + 1, VALUE])
+
+
 @kernel
 def _fill(g: Tables, p: Pieces, error: float) -> None:
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
     most = 16
     for row in range(len(g.surfaces)):
         if p.table[row, N_U] > 0:
-            most = max(most, g.surfaces[row].n_u * g.surfaces[row].n_v)
+            most = max(most, g.surfaces[row].n_u * g.surfaces[row].n_v, p.table[row, N_U], p.table[row, N_V])
     spans = np.empty((2, most), dtype=np.int64)
     scratch = np.empty((3, 3 * most))
     for row in range(len(g.surfaces)):
@@ -119,6 +181,9 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
         if n_u == 0 or n_v == 0:
             continue
         s = g.surfaces[row]
+        if s.kind != NURBS:
+            _profile_breaks(g, p, row, spans[0])
+            continue
         breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + n_u + 1]
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
         _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans[0])
@@ -144,7 +209,7 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
         error: mm; strips between knots that do not matter to it become creases.
 
     Returns:
-        The pieces; tagged surfaces have none.
+        The pieces; tagged surfaces have none, or breaks alone.
     """
     n = len(g.surfaces)
     n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -160,7 +225,8 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
         table[:, column] = ends - counts
         totals.append(int(ends[-1]) if n else 0)
     table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
-    pieces = Pieces(table, np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES)))
+    breaks, bounds, boxes = np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES))
+    pieces = Pieces(table, breaks, bounds, boxes, np.ones(totals[0]))
     _fill(g, pieces, error)
     return pieces
 
@@ -199,20 +265,64 @@ def _pieces_met(p: Pieces, at: int, n: int, low: float, high: float) -> tuple[in
 
 
 @leaf
+def _widened(low: float, high: float, start: float, end: float, share: float) -> tuple[float, float]:
+    """[low, high], or if that is a point an interval around it of ``share`` of [start, end], inside that."""
+    if high - low >= NARROWEST * (end - start):
+        return low, high
+    width = share * (end - start)
+    low = max(start, min(low - 0.5 * width, end - width))
+    return low, min(end, low + width)
+
+
+@leaf
+def _line_bounds(g: Tables, p: Pieces, row: int, i: int, j: int, box: Floats, out: Floats) -> None:
+    """Derivative bounds (5,) over the part in piece (i, j) of a ``box`` that may be a line or a point.
+
+    A line is given some width, for derivatives across it are differences.
+    """
+    s = g.surfaces[row]
+    n = (s.degree_u + 1) * (s.degree_v + 1)
+    at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
+    start_u, end_u, start_v, end_v = p.breaks[at_u, 0], p.breaks[at_u + 1, 0], p.breaks[at_v, 0], p.breaks[at_v + 1, 0]
+    u0, u1 = min(max(box[0], start_u), end_u), max(min(box[1], end_u), start_u)
+    v0, v1 = min(max(box[2], start_v), end_v), max(min(box[3], end_v), start_v)
+    net = local_line(NET)
+    boxes = local_line(BOXES)
+    share = WIDEST
+    while True:
+        a, b = _widened(u0, u1, start_u, end_u, share)
+        c, d = _widened(v0, v1, start_v, end_v, share)
+        bezier_net(g, row, a, b, c, d, net)
+        if share <= NARROWEST or weight_spread(net, n) <= MODEST or (a == u0 and b == u1 and c == v0 and d == v1):
+            break
+        share *= 0.5
+    net_bounds(net, s.degree_u, s.degree_v, 4, b - a, d - c, out, boxes)
+
+
+@leaf
 def box_bounds(g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
-    """Derivative bounds (5,) over a parameter box of any surface: closed form, or the largest of its pieces there."""
+    """Derivative bounds (5,) over a parameter box of any surface: closed form, or the largest of its pieces there.
+
+    Where weights are far apart a piece's bounds are of no use; they are found anew on its part of the box.
+    """
     if g.surfaces[row].kind != NURBS:
         closed_form_bounds(g, row, u0, u1, v0, v1, out)
         return
     for k in range(5):
         out[k] = 0.0
+    box = local_line(4)
+    box[0], box[1], box[2], box[3] = u0, u1, v0, v1
     i0, i1 = _pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
     j0, j1 = _pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
     for i in range(i0, i1):
         for j in range(j0, j1):
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
+            part = p.bounds[piece]
+            if p.spread[piece] > FAR_APART:
+                part = local_line(5)
+                _line_bounds(g, p, row, i, j, box, part)
             for k in range(5):
-                out[k] = max(out[k], p.bounds[piece, k])
+                out[k] = max(out[k], part[k])
 
 
 @leaf

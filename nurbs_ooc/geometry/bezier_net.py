@@ -14,6 +14,8 @@ Floats = npt.NDArray[np.float64]
 
 LINE = MAX_DEGREE + 1
 ROW = 4 * LINE
+# Numbers of the largest net.
+NET = ROW * LINE
 
 
 @leaf

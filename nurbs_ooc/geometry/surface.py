@@ -31,6 +31,8 @@ EXTRUSION = int(SurfaceKind.EXTRUSION)
 
 # A parallelogram thinner than this, relative to the sides, counts as a pole: 1e4 units of roundoff.
 POLE_SINE = 2.0**-39
+# A partial that moves a point by less than this part of its coordinates, all over the domain, is roundoff.
+VANISHING = 2.0**-42
 # How far inside the domain the limit normal of a pole is taken, relative to its size.
 POLE_STEPS = (1e-7, 1e-5, 1e-3, 3e-2)
 
@@ -168,36 +170,65 @@ def unit_cross(d: Floats, out: Floats) -> bool:
 
 
 @leaf
+def vanishing_partials(g: Tables, row: int, d: Floats) -> tuple[bool, bool]:
+    """Whether S_u, and whether S_v, of S, S_u, S_v in ``d`` (9,) is nothing beside the other and roundoff.
+
+    Partials count times the size of the used domain, so the answer does not depend on the parameters' unit.
+    """
+    s = g.surfaces[row]
+    place = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    along_u = math.sqrt(d[3] * d[3] + d[4] * d[4] + d[5] * d[5]) * (s.u1 - s.u0)
+    along_v = math.sqrt(d[6] * d[6] + d[7] * d[7] + d[8] * d[8]) * (s.v1 - s.v0)
+    roundoff = VANISHING * place
+    return along_u <= max(roundoff, POLE_SINE * along_v), along_v <= max(roundoff, POLE_SINE * along_u)
+
+
+@leaf
+def normal_of(g: Tables, row: int, d: Floats, out: Floats) -> bool:
+    """Write the unit vector of S_u x S_v to ``out`` (3,), from S, S_u, S_v in ``d`` (9,); False at a pole."""
+    no_u, no_v = vanishing_partials(g, row, d)
+    return not no_u and not no_v and unit_cross(d, out)
+
+
+@leaf
+def is_pole(g: Tables, row: int, d: Floats) -> bool:
+    """Whether S, S_u, S_v in ``d`` (9,) give no normal: a partial vanishes, or they are parallel."""
+    normal = local_line(3)
+    return not normal_of(g, row, d, normal)
+
+
+@leaf
+def _limit_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, out: Floats) -> bool:
+    """The normal a little inside the domain, as near to the pole (u, v) as one is found."""
+    s = g.surfaces[row]
+    near = local_line(12)
+    for step in POLE_STEPS:
+        un = u + (0.5 * (s.u0 + s.u1) - u) * step
+        vn = v + (0.5 * (s.v0 + s.v1) - v) * step
+        surface_point(g, row, un, vn, scratch, near)
+        if normal_of(g, row, near, out):
+            return True
+        # Leave the pole along v or u alone: the middle may lie straight across it.
+        surface_point(g, row, u, vn, scratch, near)
+        if normal_of(g, row, near, out):
+            return True
+        surface_point(g, row, un, v, scratch, near)
+        if normal_of(g, row, near, out):
+            return True
+    return False
+
+
+@leaf
 def surface_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, d: Floats, out: Floats) -> bool:
     """Write the unit normal to the outside; at a pole the limit from inside the domain.
 
     ``d`` (>= 12) holds S, S_u, S_v at (u, v) on entry and is kept. Returns False (and writes the z
     axis) where no direction exists even nearby.
     """
-    s = g.surfaces[row]
-    found = unit_cross(d, out)
-    if not found:
-        near = local_line(12)
-        for step in POLE_STEPS:
-            un = u + (0.5 * (s.u0 + s.u1) - u) * step
-            vn = v + (0.5 * (s.v0 + s.v1) - v) * step
-            surface_point(g, row, un, vn, scratch, near)
-            found = unit_cross(near, out)
-            if found:
-                break
-            # Leave the pole along v or u alone: the middle may lie straight across it.
-            surface_point(g, row, u, vn, scratch, near)
-            found = unit_cross(near, out)
-            if found:
-                break
-            surface_point(g, row, un, v, scratch, near)
-            found = unit_cross(near, out)
-            if found:
-                break
-    if not found:
+    if not normal_of(g, row, d, out) and not _limit_normal(g, row, u, v, scratch, out):
         out[0], out[1], out[2] = 0.0, 0.0, 1.0
         return False
-    if s.reversed:
+    if g.surfaces[row].reversed:
         for k in range(3):
             out[k] = -out[k]
     return True

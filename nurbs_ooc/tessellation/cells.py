@@ -27,7 +27,7 @@ from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
 from nurbs_ooc.bounds.triangle_bound import grid_bounds
-from nurbs_ooc.geometry.bezier_net import LINE, bezier_net
+from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -48,8 +48,6 @@ UNDIVIDED = 2.0
 MOST_UNTRIED = 64.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
 MAX_CELLS = 1 << 18
-# Numbers of the largest net.
-NET = 4 * LINE * LINE
 
 
 # What a cell covers of its surface's pieces.
@@ -127,9 +125,9 @@ def _is_even(b: Floats) -> bool:
 
 
 @leaf
-def _extent(g: Tables, p: Pieces, row: int, box: Floats) -> int:
-    """Whether a box covers SEVERAL pieces, the WHOLE of one or PART of one; tagged surfaces are one."""
-    if g.surfaces[row].kind != NURBS:
+def _extent(p: Pieces, row: int, box: Floats) -> int:
+    """Whether a box covers SEVERAL pieces, the WHOLE of one or PART of one; a surface without pieces is one."""
+    if p.table[row, N_U] == 0:
         return PART
     i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], box[0])
     j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], box[2])
@@ -189,13 +187,13 @@ def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
 def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, error: float) -> int:
     """Bounds and grid of a cell whose box is set, within those of its parent (-1: none); returns its extent."""
     nurbs = g.surfaces[row].kind == NURBS
-    extent = _extent(g, p, row, c.box[node])
+    extent = _extent(p, row, c.box[node])
     _measure(g, p, row, c.box[node], extent == PART, c.box[node, SECOND:])
     if parent >= 0:
         # What holds for a cell holds for its children.
         _keep_smaller(c.box[parent, SECOND:], c.box[node, SECOND:], nurbs)
     nu, nv = _count_grid(c, node, nurbs, error)
-    if extent == WHOLE and nu * nv > UNDIVIDED and g.surfaces[row].rational == 0:
+    if nurbs and extent == WHOLE and nu * nv > UNDIVIDED and g.surfaces[row].rational == 0:
         # The pieces' bounds were found without cutting; where that costs triangles the piece is cut out.
         coarse = local_line(MEASURES)
         for k in range(MEASURES):
@@ -207,11 +205,11 @@ def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, erro
 
 
 @leaf
-def _cut(g: Tables, p: Pieces, row: int, box: Floats, along_u: bool) -> float:
+def _cut(p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     """Where to split a box: at the knot nearest to its middle if there is one inside, else in the middle."""
     low, high = (box[0], box[1]) if along_u else (box[2], box[3])
     middle = 0.5 * (low + high)
-    if g.surfaces[row].kind != NURBS:
+    if p.table[row, N_U] == 0:
         return middle
     at = p.table[row, BREAK_U] if along_u else p.table[row, BREAK_V]
     n = p.table[row, N_U] if along_u else p.table[row, N_V]
@@ -246,9 +244,12 @@ def _grown(c: Cells, n: int) -> Cells:
 
 @leaf
 def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
-    """Whether to split along u: the direction of more columns, or, at equal counts, of more knots."""
+    """Whether to split along u: the direction of more columns, or, at equal counts, of more knots.
+
+    Breaks of a swept surface are there to be reached: they go first.
+    """
     nu, nv = c.node[node, GRID + 0], c.node[node, GRID + 1]
-    if single or g.surfaces[row].kind != NURBS:
+    if single or p.table[row, N_U] == 0:
         return nu >= nv
     b = c.box[node]
     spans_u = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], b[1]) - find_break(
@@ -257,7 +258,7 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     spans_v = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], b[3]) - find_break(
         p, p.table[row, BREAK_V], p.table[row, N_V], b[2]
     )
-    if nu == nv:
+    if nu == nv or g.surfaces[row].kind != NURBS:
         return spans_u >= spans_v
     return nu > nv
 
@@ -293,7 +294,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Ce
                 node += 1
                 continue
             along_u = _split_axis(g, p, row, c, node, single)
-            cut = _cut(g, p, row, c.box[node], along_u)
+            cut = _cut(p, row, c.box[node], along_u)
             both = 0.0
             for k in range(2):
                 kid = n + k

@@ -80,10 +80,8 @@ def _corners_bound(
     charge = 0.0
     kind = g.surfaces[row].kind
     if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
-        charge = hair
         cell_bounds(c, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, False, check.stack, check.near, m)
-        if kind == NURBS:
-            charge += creases_in_box(p, row, u0, u1, v0, v1)
+        charge = hair + creases_in_box(p, row, u0, u1, v0, v1)
     else:
         bounds = local_line(5)
         closed_form_bounds(g, row, u0, u1, v0, v1, bounds)
@@ -134,6 +132,21 @@ def segment_bound(
     q = t.points
     x0, y0, x1, y1 = float(q[a, 0]), float(q[a, 1]), float(q[b, 0]), float(q[b, 1])
     return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, 0.5 * (x0 + x1), 0.5 * (y0 + y1))
+
+
+@leaf
+def can_shrink(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, a: int, b: int, check: Check, enough: float
+) -> bool:
+    """Whether a shorter segment at either of two points can keep ``enough``, mm.
+
+    It cannot where the surface moves by more within one step of the lattice.
+    """
+    for i in range(2):
+        x, y = float(t.points[a if i == 0 else b, 0]), float(t.points[a if i == 0 else b, 1])
+        if _corners_bound(g, p, row, c, f, check, enough, x, y, x, y, x, y) <= enough:
+            return True
+    return False
 
 
 @leaf

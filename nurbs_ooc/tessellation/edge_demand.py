@@ -3,7 +3,8 @@
 Every edge is cut where any of its curves (the 3D curve and the p-curve of each face that uses it)
 has a knot, so that on each interval second derivatives are bounded. From them follow, per interval
 and in units of the allowed error, three demands: the chord in space, the sliver between p-curve and
-its chord carried into space, and the surface's own deviation along the chord.
+its chord carried into space, and the surface's own deviation along the chord. An edge that lies on its
+surface by definition has no chord of its own: the other two hold it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
+from nurbs_cache.surface_record import POLE
 from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, SIZE, curve_bounds
 from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
@@ -39,8 +41,8 @@ ACROSS_SHARE = 0.5
 SEVERAL = 1.5
 MANY = 8.0
 PAYS = 0.8
-MAX_PARTS = 32
-MAX_HALVINGS = 12
+MAX_PARTS = 64
+MAX_HALVINGS = 30
 LEVELS = MAX_HALVINGS + 1
 # Breaks closer than this part of the edge are one.
 SAME_BREAK = 1e-12
@@ -165,7 +167,7 @@ def _demand(
         _bounds(g, c, coedge.pcurve, low, high, exact, part)
         square = scale * scale
         u0, u1, v0, v1 = part[LOW], part[HIGH], part[LOW + 1], part[HIGH + 1]
-        if edge.curve < 0:
+        if edge.curve == POLE:
             # A pole has no length: let the columns of the whole face decide.
             u0, u1, v0, v1 = s.u0, s.u1, s.v0, s.v1
         # An end at a knot does not look beyond it because of roundoff.
@@ -173,7 +175,7 @@ def _demand(
         hair_v = min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
         box_bounds(g, p, row, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, bounds)
         du, dv = part[D1_X], part[D1_X + 1]
-        if edge.curve >= 0:
+        if edge.curve != POLE:
             if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:
                 sliver = bounds[LU] * part[D2] * square
                 worst = max(worst, sliver / error)

@@ -25,9 +25,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel, leaf
+from nurbs_cache.surface_record import ON_SURFACE, POLE
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.curve import ELLIPSE, curve_point
+from nurbs_ooc.geometry.surface import surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.edge_demand import MAX_PARTS, MAX_USES, Demand, break_room, edge_demand
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
@@ -91,10 +94,10 @@ def _smallest_count(g: Tables, e: int) -> int:
     """Fewest segments: closed edges need three, arcs one per third of a turn."""
     edge = g.edges[e]
     count = 1
-    if edge.curve >= 0:
+    if edge.curve != POLE:
         if edge.vertex0 == edge.vertex1:
             count = 3
-        if g.curves[edge.curve].kind == ELLIPSE:
+        if edge.curve >= 0 and g.curves[edge.curve].kind == ELLIPSE:
             count = max(count, math.ceil((edge.t1 - edge.t0) / LONGEST_TURN - 1e-9))
     return count
 
@@ -248,31 +251,36 @@ def _sample_edges(
 
 
 @kernel
-def _positions(g: Tables, first: Ints, t: Floats, low: int, high: int, out: Floats) -> None:
-    """Points of the samples: the shared vertices at the ends, the 3D curve between."""
-    scratch = np.empty((2, MAX_DEGREE + 2))
-    point = np.empty(6)
+def _positions(g: Tables, uses: EdgeUses, first: Ints, t: Floats, low: int, high: int, out: Floats) -> None:
+    """Points of the samples: the shared vertices at the ends, between them the 3D curve, or the surface without one."""
+    scratch = np.empty((4, MAX_DEGREE + 2))
+    point = np.empty(12)
     for e in range(low, high):
         edge = g.edges[e]
         last = first[e + 1] - 1
         for i in range(first[e], first[e + 1]):
-            for k in range(3):
-                if i == first[e] or edge.curve < 0:
-                    out[i, k] = g.vertices[edge.vertex0, k]
-                elif i == last:
-                    out[i, k] = g.vertices[edge.vertex1, k]
-            if i != first[e] and i != last and edge.curve >= 0:
+            if i == first[e] or i == last or edge.curve == POLE:
+                vertex = edge.vertex1 if i == last else edge.vertex0
+                for k in range(3):
+                    point[k] = g.vertices[vertex, k]
+            elif edge.curve == ON_SURFACE:
+                coedge = uses.coedge[uses.first[e]]
+                coedge_uv(g, coedge, t[i], scratch, point)
+                surface_point(g, uses.surface[coedge], point[0], point[1], scratch, point)
+            else:
                 c = g.curves[edge.curve]
                 s = c.t0 + (t[i] - edge.t0) * (c.t1 - c.t0) / (edge.t1 - edge.t0)
                 curve_point(g, edge.curve, s, scratch, point)
-                for k in range(3):
-                    out[i, k] = point[k]
+            for k in range(3):
+                out[i, k] = point[k]
 
 
-def _with_positions(g: Tables, counts: Ints, t: Floats, trim: Floats, run: Callable[..., list[Any]]) -> EdgeSamples:
+def _with_positions(
+    g: Tables, uses: EdgeUses, counts: Ints, t: Floats, trim: Floats, run: Callable[..., list[Any]]
+) -> EdgeSamples:
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     position = np.empty((len(t), 3))
-    run(lambda low, high: _positions(g, first, t, low, high, position), len(g.edges))
+    run(lambda low, high: _positions(g, uses, first, t, low, high, position), len(g.edges))
     return EdgeSamples(first, t, position, trim)
 
 
@@ -296,16 +304,17 @@ def sample_edges(
     results = run(lambda low, high: _sample_edges(g, pieces, curves, uses, low, high, error * AIM, trim), len(g.edges))
     counts = np.concatenate([r[0] for r in results]) if results else np.zeros(0, np.int64)
     t = np.concatenate([r[1] for r in results]) if results else np.zeros(0)
-    return _with_positions(g, counts, t, trim, run)
+    return _with_positions(g, uses, counts, t, trim, run)
 
 
 def split_segments(
-    g: Tables, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
+    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
 ) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
     """Cut segments into equal parts.
 
     Args:
         g: the part's tables.
+        uses: its coedges by edge.
         samples: of its edges.
         parts: (n_samples,) how many parts each segment shall have; below 2 it stays.
         run: maps a kernel over ranges of edges, in order.
@@ -322,4 +331,4 @@ def split_segments(
     t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
     edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
     counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
-    return _with_positions(g, counts, t, samples.trim, run), counts > np.diff(samples.first)
+    return _with_positions(g, uses, counts, t, samples.trim, run), counts > np.diff(samples.first)

@@ -8,15 +8,25 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.geometry.surface import surface_normal, surface_point
+from nurbs_cache.local_array import local_line
+from nurbs_ooc.bounds.pieces import N_U, Pieces
+from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.corner_normals import crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_POINTS, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.uint8]
 Number = TypeVar("Number", bound=np.generic)
+
+# How many normals a point has: one, or several, on a crease or at a pole.
+ONE, CREASE, POLE = 0, 1, 2
+# Cosine of 0.06 degrees: normals closer than this are one.
+SAME_NORMAL = 1.0 - 0.5e-6
+LAST, UNUSED = -1, -2
 
 
 class Output(NamedTuple):
@@ -86,50 +96,152 @@ def _same_place(o: Output, a: int, b: int) -> bool:
     )
 
 
-@helper
-def emit_face(
-    g: Tables, row: int, b: Boundary, t: Triangulation, point: Ints, f: Frame, scratch: Floats, o: Output
-) -> Output:
-    """Append a face: boundary points first (each once per lattice point), then inner ones, then triangles."""
-    n = len(b.next)
-    total = t.n[N_POINTS]
-    o = _with_room(o, total + n, t.n[N_TRIANGLES], n)
-    number = np.full(total, -1, dtype=np.int64)
-    for i in range(n):
-        if point[i] < 0:
-            continue
-        if number[point[i]] < 0:
-            number[point[i]] = _put_vertex(o, b.position[i], b.normal[i], b.uv[i, 0], b.uv[i, 1])
-    at = np.empty(12)
-    normal = np.empty(3)
-    reverse = g.surfaces[row].reversed != 0
+@leaf
+def _normals_at(p: Pieces, row: int, f: Frame, uv: Floats, pole: bool) -> int:
+    """ONE, or why a point has several normals."""
+    if pole:
+        return POLE
+    return CREASE if p.table[row, N_U] > 0 and on_crease(p, row, f, uv[0], uv[1]) else ONE
+
+
+@leaf
+def _put_boundary(p: Pieces, row: int, b: Boundary, point: Ints, f: Frame, o: Output, at: Ints, kind: Flags) -> None:
+    """Vertices of the boundary points, one per lattice point: their numbers to ``at``, ``_normals_at`` to ``kind``."""
+    for i in range(len(point)):
+        c = point[i]
+        if c >= 0 and at[c] < 0:
+            at[c] = _put_vertex(o, b.position[i], b.normal[i], b.uv[i, 0], b.uv[i, 1])
+            kind[c] = _normals_at(p, row, f, o.uv[at[c]], b.pole[i] != 0)
+
+
+@leaf
+def _put_inner(
+    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, o: Output, at: Ints, kind: Flags
+) -> int:
+    """Vertices of the other points in use; how many corners of triangles may want a normal of their own."""
+    place = local_line(12)
+    normal = local_line(3)
+    corners = 0
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] == 0:
             continue
         for i in range(3):
             c = t.tri[k, i]
-            if number[c] < 0:
+            if at[c] < 0:
                 u, v = f.u0 + t.points[c, 0] * f.du, f.v0 + t.points[c, 1] * f.dv
-                surface_point(g, row, u, v, scratch, at)
-                surface_normal(g, row, u, v, scratch, at, normal)
-                number[c] = _put_vertex(o, at, normal, u, v)
-        p, q, r = number[t.tri[k, 0]], number[t.tri[k, 1]], number[t.tri[k, 2]]
-        # At a pole, where loops touch and across a closed chord two corners may be one point.
-        if _same_place(o, p, q) or _same_place(o, q, r) or _same_place(o, r, p):
-            continue
-        if reverse:
-            q, r = r, q
-        m = o.n[1]
-        o.triangle[m, 0], o.triangle[m, 1], o.triangle[m, 2] = p, q, r
-        o.n[1] = m + 1
-    for i in range(n):
+                surface_point(g, row, u, v, scratch, place)
+                surface_normal(g, row, u, v, scratch, place, normal)
+                at[c] = _put_vertex(o, place, normal, u, v)
+                kind[c] = _normals_at(p, row, f, o.uv[at[c]], is_pole(g, row, place))
+            if kind[c] != ONE:
+                corners += 1
+    return corners
+
+
+@leaf
+def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floats, uv: Floats) -> int:
+    """The vertex at the place of vertex ``base`` that has this normal, new if there is none.
+
+    ``following`` leads from one vertex of a place to the next, by number after ``first``: LAST ends, UNUSED
+    says that no triangle has taken ``base`` yet, so that it may still have any normal.
+    """
+    v = base
+    if following[v - first] == UNUSED:
+        following[v - first] = LAST
+        for k in range(3):
+            o.normal[v, k] = normal[k]
+        o.uv[v, 0], o.uv[v, 1] = uv[0], uv[1]
+        return v
+    while True:
+        cosine = 0.0
+        for k in range(3):
+            cosine += normal[k] * o.normal[v, k]
+        if cosine >= SAME_NORMAL:
+            return v
+        if following[v - first] == LAST:
+            break
+        v = first + following[v - first]
+    new = _put_vertex(o, o.position[base], normal, uv[0], uv[1])
+    following[v - first] = new - first
+    following[new - first] = LAST
+    return new
+
+
+@leaf
+def _corner(
+    g: Tables, p: Pieces, row: int, f: Frame, o: Output, first: int, following: Ints, kind: int, corners: Ints,
+    i: int, scratch: Floats,
+) -> int:  # fmt: skip
+    """The vertex of corner ``i`` of a triangle with vertices ``corners``, with the normal that is right for it."""
+    base = corners[i]
+    j, k = corners[(i + 1) % 3], corners[(i + 2) % 3]
+    uv = local_line(2)
+    middle = local_line(2)
+    normal = local_line(3)
+    for m in range(2):
+        uv[m] = o.uv[base, m]
+        middle[m] = 0.5 * (o.uv[j, m] + o.uv[k, m])
+    if kind == POLE:
+        pole_normal(g, row, uv, middle, scratch, normal)
+    else:
+        crease_normal(g, p, row, f, uv, middle, scratch, normal)
+    return _with_normal(o, first, following, base, normal, uv)
+
+
+@leaf
+def _put_segments(b: Boundary, point: Ints, at: Ints, o: Output) -> None:
+    for i in range(len(point)):
         if point[i] < 0:
             continue
-        p, q = number[point[i]], number[point[b.next[i]]]
+        p, q = at[point[i]], at[point[b.next[i]]]
         if not _same_place(o, p, q):
             m = o.n[2]
             o.segment[m, 0], o.segment[m, 1] = p, q
             o.n[2] = m + 1
+
+
+@helper
+def emit_face(
+    g: Tables, p: Pieces, row: int, b: Boundary, t: Triangulation, point: Ints, f: Frame, scratch: Floats, o: Output
+) -> Output:
+    """Append a face: boundary points first (each once per lattice point), then inner ones, then triangles.
+
+    Where triangles at one point want different normals it gets a vertex for each, all in the same place.
+    """
+    n = len(b.next)
+    total = t.n[N_POINTS]
+    first = o.n[0]
+    o = _with_room(o, total + n, t.n[N_TRIANGLES], n)
+    at = np.full(total, -1, dtype=np.int64)
+    kind = np.zeros(total, dtype=np.uint8)
+    _put_boundary(p, row, b, point, f, o, at, kind)
+    several = _put_inner(g, p, row, t, f, scratch, o, at, kind)
+    o = _with_room(o, several, 0, 0)
+    following = np.full(o.n[0] - first + several if several > 0 else 0, UNUSED, dtype=np.int64)
+    corners = np.empty(3, dtype=np.int64)
+    own = np.empty(3, dtype=np.int64)
+    reverse = g.surfaces[row].reversed != 0
+    for k in range(t.n[N_TRIANGLES]):
+        if t.tri[k, INSIDE] == 0:
+            continue
+        for i in range(3):
+            corners[i] = at[t.tri[k, i]]
+        # At a pole, where loops touch and across a closed chord two corners may be one point.
+        if (
+            _same_place(o, corners[0], corners[1])
+            or _same_place(o, corners[1], corners[2])
+            or _same_place(o, corners[2], corners[0])
+        ):
+            continue
+        for i in range(3):
+            own[i] = corners[i]
+            if kind[t.tri[k, i]] != ONE:
+                own[i] = _corner(g, p, row, f, o, first, following, kind[t.tri[k, i]], corners, i, scratch)
+        m = o.n[1]
+        o.triangle[m, 0] = own[0]
+        o.triangle[m, 1], o.triangle[m, 2] = (own[2], own[1]) if reverse else (own[1], own[2])
+        o.n[1] = m + 1
+    _put_segments(b, point, at, o)
     return o
 
 

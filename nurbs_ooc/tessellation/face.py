@@ -24,7 +24,7 @@ from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
 from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
-from nurbs_ooc.tessellation.deviation import Check, Frame, segment_bound, worst_bound
+from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
 from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
@@ -40,6 +40,7 @@ from nurbs_ooc.tessellation.triangulate import (
     new_triangulation,
 )
 from nurbs_ooc.tessellation.trimming import Boundary, gather_boundary, to_lattice
+from nurbs_ooc.tessellation.unfold import unfold_poles
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -173,7 +174,7 @@ def _ask_for_long_segments(
     found = False
     for i in range(len(point)):
         bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check, target)
-        if bound > target:
+        if bound > target and can_shrink(g, p, row, c, f, t, point[i], point[b.next[i]], check, target):
             _ask(b, i, parts_needed(bound / target), wanted)
             found = True
     return found
@@ -261,6 +262,7 @@ def tessellate_face(
             for m in range(blame[0]):
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
             return _waiting(b, t, point, f), room
+        unfold_poles(g, p, row, c, f, t, b, owner, target, check)
         if worst > target:
             # No point is farther off than the face is large.
             worst = min(worst, surface_diagonal(g, row, b))

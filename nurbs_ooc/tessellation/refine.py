@@ -18,7 +18,7 @@ from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import orient
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
-from nurbs_ooc.tessellation.deviation import Check, Frame, edge_bound, face_bound, points_bound
+from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, edge_bound, face_bound, points_bound
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.triangulate import (
     ADJACENT,
@@ -40,6 +40,8 @@ Ints = npt.NDArray[np.int64]
 
 # A result of ``certify``, beside DONE and FULL.
 LONG_EDGE = 2
+# Lattice steps; a triangle so small may be as good as the lattice lets it be.
+FEW_STEPS = 64
 # A boundary edge is cut into so many parts at once at most: its neighbour has not been asked.
 MOST_PARTS = 8
 
@@ -123,6 +125,21 @@ def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
 
 
 @leaf
+def _hopeless(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, target: float, check: Check
+) -> bool:
+    """Whether triangle k is a few lattice steps large and no smaller one at its corners would keep the target."""
+    i, j, m = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+    for n in range(2):
+        x, y, z = t.points[i, n], t.points[j, n], t.points[m, n]
+        if max(x, y, z) - min(x, y, z) > FEW_STEPS:
+            return False
+    return not can_shrink(g, p, row, c, f, t, i, j, check, target) and not can_shrink(
+        g, p, row, c, f, t, m, m, check, target
+    )
+
+
+@leaf
 def parts_needed(excess: float) -> int:
     """Into how many parts a segment whose bound is ``excess`` (> 1) times the target must be cut."""
     return min(max(2, math.ceil(math.sqrt(min(excess, 1e6)))), MOST_PARTS)
@@ -169,8 +186,13 @@ def certify(
                 free, q_free, fixed, q_fixed = _longest_edges(t, f, k, check.second)
                 alone = edge_bound(g, p, row, c, f, t, k, fixed, check, target) if q_fixed > target else 0.0
                 if alone > target:
-                    _blame(t, k, fixed, alone / target, blame)
-                    code = LONG_EDGE
+                    ends = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3]
+                    if can_shrink(g, p, row, c, f, t, ends[0], ends[1], check, target):
+                        _blame(t, k, fixed, alone / target, blame)
+                        code = LONG_EDGE
+                elif _hopeless(g, p, row, c, f, t, k, target, check):
+                    # It stays with the bound it has.
+                    pass
                 elif _flip_to_fit(g, p, row, c, f, t, k, target, check):
                     again, bound = True, 0.0
                 elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:

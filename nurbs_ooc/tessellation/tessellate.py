@@ -68,7 +68,7 @@ def _faces(
                 if d.reason == BOX_AS_POINTS:
                     o = emit_points(b, o)
                 else:
-                    o = emit_face(g, row, b, d.triangulation, d.point, d.frame, scratch, o)
+                    o = emit_face(g, p, row, b, d.triangulation, d.point, d.frame, scratch, o)
                     if o.n[1] == drawn and codes[i, 1] < DEGRADED:
                         # Every triangle has two corners in one place: its points alone stand for it.
                         codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
@@ -212,7 +212,7 @@ def tessellate(
         rounds.append(_join(geometry, rows, results, error))
         if not parts.any() or turn == MAX_ROUNDS:
             break
-        samples, changed = split_segments(g, samples, parts, run)
+        samples, changed = split_segments(g, uses, samples, parts, run)
         # Once more: who asked, and who looks at an edge that has changed.
         again = faces_of_edges(g, uses, changed)
         again[rows[_waiting(results)]] = True

@@ -15,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.geometry.curve import curve_point
+from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.predicates import LATTICE
-from nurbs_ooc.geometry.surface import surface_normal, surface_point
+from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.edges import EdgeSamples
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.uint8]
 
 
 class Boundary(NamedTuple):
@@ -31,6 +32,7 @@ class Boundary(NamedTuple):
     uv: Floats  # (n, 2)
     position: Floats  # (n, 3) mm, of the shared edge sample
     normal: Floats  # (n, 3)
+    pole: Flags  # (n,) 1: the surface has no normal at the point's (u, v)
     next: Ints  # (n,)
     segment: Ints  # (n,) number, among the edge samples, of the segment that starts here
     box: Floats  # (4,) u0, u1, v0, v1 of all points
@@ -57,6 +59,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
     uv = np.empty((n, 2))
     position = np.empty((n, 3))
     normal = np.empty((n, 3))
+    pole = np.zeros(n, dtype=np.uint8)
     follow = np.empty(n, dtype=np.int64)
     segments = np.empty(n, dtype=np.int64)
     scratch = np.empty((4, MAX_DEGREE + 2))
@@ -69,14 +72,11 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
         for c in range(g.loops[m].first_coedge, g.loops[m].first_coedge + g.loops[m].n_coedges):
             coedge = g.coedges[c]
             e = coedge.edge
-            edge = g.edges[e]
-            curve = g.curves[coedge.pcurve]
             low, high = samples.first[e], samples.first[e + 1]
             trim = max(trim, samples.trim[c])
             for i in range(high - low):
                 k = high - 1 - i if coedge.reversed else low + i
-                t = curve.t0 + (samples.t[k] - edge.t0) * (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
-                curve_point(g, coedge.pcurve, t, scratch, point)
+                coedge_uv(g, c, samples.t[k], scratch, point)
                 u, v = point[0], point[1]
                 surface_point(g, row, u, v, scratch, point)
                 off = 0.0
@@ -87,6 +87,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
                     # The next coedge gives this point; here only the gap at its end counts.
                     break
                 surface_normal(g, row, u, v, scratch, point, normal[at])
+                pole[at] = 1 if is_pole(g, row, point) else 0
                 uv[at, 0], uv[at, 1] = u, v
                 for d in range(3):
                     position[at, d] = samples.position[k, d]
@@ -99,7 +100,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
     if n > 0:
         box[0], box[1] = uv[:, 0].min(), uv[:, 0].max()
         box[2], box[3] = uv[:, 1].min(), uv[:, 1].max()
-    return Boundary(uv, position, normal, follow, segments, box, trim, gap)
+    return Boundary(uv, position, normal, pole, follow, segments, box, trim, gap)
 
 
 @leaf

@@ -40,7 +40,6 @@ class HardCase:
         turned_nets: the variants that reverse and transpose control nets make sense.
         far: the variants 1e6 and 1e9 mm from the origin make sense at these errors.
         normals_deg: degrees; most that a vertex normal may differ from the flat normal of its triangle.
-        apart: may take for ever; only tessellated in a process of its own with a time limit.
     """
 
     name: str
@@ -60,7 +59,6 @@ class HardCase:
     turned_nets: bool = True
     far: bool = True
     normals_deg: float | None = None
-    apart: bool = False
 
     def geometry(self) -> GeometryBatch:
         """The faces as a part of their own."""

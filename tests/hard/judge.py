@@ -57,7 +57,8 @@ def _shape(case: HardCase, variant: Variant, found: MeshMeasures) -> Iterator[st
         yield "not closed"
     if not found.smallest_area > 0.0:
         yield "a triangle without area"
-    if case.normals_deg is not None and found.normal_deviation_deg > case.normals_deg:
+    # Far from the origin coordinates are rounded by more than thin triangles are high.
+    if case.normals_deg is not None and not variant.shift and found.normal_deviation_deg > case.normals_deg:
         yield f"vertex normals up to {found.normal_deviation_deg:.3g} degrees off their triangle's"
 
 

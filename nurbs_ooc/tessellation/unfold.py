@@ -1,0 +1,162 @@
+r"""Triangles beside a pole that are sound in (u, v) and folded back in space.
+
+All of the line v = v1 is one point O, and u turns around it. A triangle much longer towards O than around
+it may have its corners in another order when it is seen from O, for straight lines in (u, v) are not
+straight there; a hair's breadth of u decides::
+
+    P------------- v1      A and B nearly on one meridian, B an inch to the left: seen from O, B comes
+    |\`-.                  first, although P A B is counter-clockwise here.
+    | \  `B
+    |  \ /                 The edge P A is flipped to X B: X A B is not folded, and X comes before B.
+    X---A
+
+Folds are no more than a triangle's height off, which its bound allows, but they turn the light round. So
+an edge of a folded triangle is flipped where neither new triangle is folded and both keep the bound.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import helper, leaf
+from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.geometry.predicates import orient
+from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
+from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.tessellation.cells import Cells
+from nurbs_ooc.tessellation.deviation import Check, Frame, points_bound
+from nurbs_ooc.tessellation.triangulate import (
+    ADJACENT,
+    FIXED,
+    INSIDE,
+    N_OUTER,
+    N_POINTS,
+    N_TRIANGLES,
+    Triangulation,
+    flip,
+    opposite,
+)
+from nurbs_ooc.tessellation.trimming import Boundary
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+FLAT = 2.0**-40  # sine of an angle that is roundoff
+MAX_PASSES = 4  # a flip may let another one in
+
+
+@leaf
+def _any_pole(b: Boundary) -> bool:
+    for i in range(len(b.pole)):
+        if b.pole[i] != 0:
+            return True
+    return False
+
+
+@leaf
+def _evaluate(
+    g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, owner: Ints, scratch: Floats, at: Floats,
+    place: Floats, normal: Floats,
+) -> None:  # fmt: skip
+    """Positions as they are drawn, and normals of S_u x S_v's sense; 0 at poles. ``at`` (12,) is scratch."""
+    sign = -1.0 if g.surfaces[row].reversed else 1.0
+    for i in range(N_OUTER, t.n[N_POINTS]):
+        k = owner[i]
+        u, v = f.u0 + t.points[i, 0] * f.du, f.v0 + t.points[i, 1] * f.dv
+        if k >= 0:
+            u, v = b.uv[k, 0], b.uv[k, 1]
+        surface_point(g, row, u, v, scratch, at)
+        if not is_pole(g, row, at):
+            surface_normal(g, row, u, v, scratch, at, normal[i])
+        for m in range(3):
+            place[i, m] = b.position[k, m] if k >= 0 else at[m]
+            normal[i, m] *= sign
+
+
+@leaf
+def _folded(place: Floats, normal: Floats, i: int, j: int, k: int) -> bool:
+    """Whether a triangle, counter-clockwise in (u, v), looks away from all normals at its corners, or nowhere."""
+    across, along, back = 0.0, 0.0, 0.0
+    known, against = 0, 0
+    for m in range(3):
+        x, y = place[j, m] - place[i, m], place[k, m] - place[i, m]
+        across += x * x
+        along += y * y
+        back += (y - x) * (y - x)
+    if across == 0.0 or along == 0.0 or back == 0.0:
+        return False  # two corners in the pole: it is not drawn
+    hair = FLAT * math.sqrt(across * along)
+    for c in (i, j, k):
+        dots, size = 0.0, 0.0
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            flat = (place[j, n] - place[i, n]) * (place[k, o] - place[i, o])
+            flat -= (place[j, o] - place[i, o]) * (place[k, n] - place[i, n])
+            dots += flat * normal[c, m]
+            size += abs(normal[c, m])
+        if size > 0.0:
+            known += 1
+            if dots <= hair:
+                against += 1
+    return known > 0 and against == known
+
+
+@leaf
+def _turn(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, target: float, check: Check,
+    place: Floats, normal: Floats,
+) -> bool:  # fmt: skip
+    """Flip an edge of the folded triangle ``k``, if that unfolds it and both triangles keep the bound."""
+    for i in range(3):
+        o = t.tri[k, ADJACENT + i]
+        if t.tri[k, FIXED + i] > 0 or o < 0 or t.tri[o, INSIDE] == 0:
+            continue
+        tip, a, b = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        far = opposite(t, o, k)
+        if orient(t.points, tip, a, far) <= 0 or orient(t.points, tip, far, b) <= 0:
+            continue
+        if _folded(place, normal, tip, a, far) or _folded(place, normal, tip, far, b):
+            continue
+        if (
+            points_bound(g, p, row, c, f, t, tip, a, far, check, target) <= target
+            and points_bound(g, p, row, c, f, t, tip, far, b, check, target) <= target
+        ):
+            flip(t, k, i)
+            return True
+    return False
+
+
+@leaf
+def _pass(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check, place: Floats,
+    normal: Floats,
+) -> bool:  # fmt: skip
+    """Look at all inner triangles once; whether an edge was flipped."""
+    turned = False
+    for k in range(t.n[N_TRIANGLES]):
+        if t.tri[k, INSIDE] != 0 and _folded(place, normal, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]):
+            turned = _turn(g, p, row, c, f, t, k, target, check, place, normal) or turned
+    return turned
+
+
+@helper
+def unfold_poles(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, owner: Ints, target: float,
+    check: Check,
+) -> None:  # fmt: skip
+    """Flip edges of folded triangles of a face with poles, where no bound exceeds ``target``, mm.
+
+    ``owner`` gives the boundary point of a lattice point, -1 for inner ones.
+    """
+    if not _any_pole(b):
+        return
+    n = t.n[N_POINTS]
+    place = np.zeros((n, 3))
+    normal = np.zeros((n, 3))
+    _evaluate(g, row, f, t, b, owner, np.empty((4, MAX_DEGREE + 2)), np.empty(12), place, normal)
+    for _ in range(MAX_PASSES):
+        if not _pass(g, p, row, c, f, t, target, check, place, normal):
+            break
