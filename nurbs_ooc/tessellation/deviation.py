@@ -76,7 +76,7 @@ def _corners_bound(
     hair_u, hair_v = min(f.du, 0.5 * (u1 - u0)), min(f.dv, 0.5 * (v1 - v0))
     hair = corner_hair(c.box[0, SECOND:], f.du, f.dv)
     if hair > HAIR_SHARE * enough:
-        hair_u, hair_v = 0.0, 0.0
+        hair, hair_u, hair_v = 0.0, 0.0, 0.0
     charge = 0.0
     kind = g.surfaces[row].kind
     if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
