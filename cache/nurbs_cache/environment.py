@@ -128,6 +128,10 @@ class Environment:
         """Whether this process holds the writer's lock on it."""
         return self._writer is not None
 
+    def release_pages(self) -> None:
+        """Take the pages that were read out of this process's memory; setting the map's size maps it anew."""
+        self._resize(self.env.info()["map_size"])
+
     def release(self) -> None:
         """Give back what ``shared`` gave."""
         with _registry_lock:

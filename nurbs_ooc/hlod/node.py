@@ -48,12 +48,12 @@ def node_content(
         budget: of the node's level.
     """
     placed = slots != NO_SLOT
-    placed[placed] = np.diff(pool.vertex_start)[slots[placed]] > 0
+    placed[placed] = pool.slots["n_vertices"][slots[placed]] > 0
     mesh_slots, occurrence = slots[placed], items["occurrence"][placed].astype(np.int64)
     soup = _with_points(place(pool, mesh_slots, placements, occurrence), items[~placed])
     clusters = cluster_vertices(soup.positions, soup.normals, origin, budget.cell)
     simple, moved = simplify(soup, clusters, budget.small_area, budget.allowance)
-    errors = pool.errors[mesh_slots] * placements.stretch[occurrence, None]
+    errors = pool.slots["errors"][mesh_slots] * placements.stretch[occurrence, None]
     ledger = _ledger(errors, items[~placed], moved)
     return TileContent(
         simple.positions,

@@ -1,0 +1,76 @@
+"""Tiles of nodes of one level from the meshes of their surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.tile import TileContent, encode_tile, tile_counts, tile_hash, tile_ledger
+from nurbs_ooc.build import tunables
+from nurbs_ooc.build.mesh_demand import Keys, mesh_keys
+from nurbs_ooc.hierarchy.placements import Placements
+from nurbs_ooc.hlod.budget import NodeBudget
+from nurbs_ooc.hlod.mesh_pool import MeshPool
+from nurbs_ooc.hlod.node import NO_SLOT, node_content, shown_as_point
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltNodes:
+    """Tiles of some nodes.
+
+    Attributes:
+        tiles: hash and bytes of each.
+        records: (n,) ``NODE_DTYPE``, ``geometric_error`` the tile's own.
+    """
+
+    tiles: list[tuple[str, bytes]]
+    records: npt.NDArray[np.void]
+
+
+def build_nodes(
+    nodes: npt.NDArray[np.void],
+    items: npt.NDArray[np.void],
+    placements: Placements,
+    codec: str,
+    meshes: Callable[[Keys], MeshPool],
+) -> BuiltNodes:
+    """Build the tiles of nodes of one level; stores nothing.
+
+    Args:
+        nodes: (n,) ``NODE_DTYPE``.
+        items: ``ITEM_DTYPE``, the subtree of the first node, then that of the second, ...
+        placements: one row per occurrence.
+        codec: entropy coder.
+        meshes: gives the meshes of ascending keys, slot by slot.
+    """
+    budget = NodeBudget.of_level(int(nodes["level"][0]), tunables.SHARES)
+    keys = mesh_keys(items["surface"], budget.surface_levels(placements.stretch[items["occurrence"]]))
+    meshed = ~shown_as_point(items, budget)
+    needed = np.unique(keys[meshed])
+    pool = meshes(needed)
+    slots = np.where(meshed, np.searchsorted(needed, keys), NO_SLOT)
+    tiles, records, first = [], nodes.copy(), 0
+    for row, record in enumerate(records):
+        own = slice(first, first := first + int(record["n_items"]))
+        content = node_content(items[own], slots[own], pool, placements, nodes["aabb_min"][row], budget)
+        data = encoded(content, int(record["level"]), codec)
+        name, (_, *counts) = tile_hash(data), tile_counts(data)
+        tiles.append((name, data))
+        record["tile_hash"], record["tile_bytes"] = name.encode(), len(data)
+        record["n_triangles"], record["n_lines"], record["n_points"] = counts
+        record["geometric_error"] = tile_ledger(data).total
+    return BuiltNodes(tiles, records)
+
+
+def encoded(content: TileContent, level: int, codec: str) -> bytes:
+    """A tile on the position grid that all tiles of its ladder level share."""
+    return encode_tile(
+        content,
+        position_bits=tunables.POSITION_BITS,
+        normal_bits=tunables.NORMAL_BITS,
+        codec=codec,
+        min_step_exponent=level - tunables.STEP_LEVELS,
+    )
