@@ -1,7 +1,8 @@
 """What r, a node's longest edge over its error, costs: nodes, primitives and bytes, in the cache and on the screen.
 
 Takes the surfaces of a cache, plants trees for several r, builds all tiles in a temporary folder and counts what a
-view draws. The view is the whole model at a given number of pixels along its longest edge, without culling, each surface at
+view draws. The view is the whole model at a given number of pixels along its longest edge, without culling, each
+surface at
 half a pixel; direct surfaces that are drawn through their own levels of detail are counted apart.
 
     python scripts/measure_node_size.py CACHE [--r 128 256 512] [--pixels 250 1000 4000]

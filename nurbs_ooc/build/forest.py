@@ -15,6 +15,7 @@ from nurbs_ooc.build.mesh_demand import MeshDemand, mesh_keys
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hierarchy.runs import run_rows
 from nurbs_ooc.hlod.budget import NodeBudget
+from nurbs_ooc.hlod.node import diagonals
 
 Rows = npt.NDArray[np.int64]
 
@@ -45,7 +46,7 @@ class Forest:
 
     @cached_property
     def _diagonals(self) -> npt.NDArray[np.float64]:
-        return np.asarray(np.linalg.norm(self.items["aabb_max"] - self.items["aabb_min"], axis=1))
+        return diagonals(self.items)
 
     @cached_property
     def demand(self) -> MeshDemand:
@@ -60,7 +61,9 @@ class Forest:
             items = run_rows(self.nodes["first_item"][here], self.nodes["n_items"][here])
             items = items[self._diagonals[items] > budget.point_diagonal]
             scale = self.placements.stretch[self.items["occurrence"][items]]
-            needed.append(np.unique(mesh_keys(self.items["surface"][items], budget.surface_levels(scale))))
+            needed.append(
+                np.unique(mesh_keys(self.items["surface"][items], budget.surface_levels(self._diagonals[items], scale)))
+            )
         return MeshDemand(np.unique(np.concatenate(needed)))
 
     def jobs(self, rows: Rows) -> Iterator[Rows]:

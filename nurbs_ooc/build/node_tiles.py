@@ -14,7 +14,7 @@ from nurbs_ooc.build.mesh_demand import Keys, mesh_keys
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hlod.budget import NodeBudget
 from nurbs_ooc.hlod.mesh_pool import MeshPool
-from nurbs_ooc.hlod.node import NO_SLOT, node_content, shown_as_point
+from nurbs_ooc.hlod.node import NO_SLOT, diagonals, node_content
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,14 @@ def build_nodes(
         meshes: gives the meshes of ascending keys, slot by slot.
     """
     budget = NodeBudget.of_level(int(nodes["level"][0]), tunables.SHARES)
-    keys = mesh_keys(items["surface"], budget.surface_levels(placements.stretch[items["occurrence"]]))
-    meshed = ~shown_as_point(items, budget)
-    needed = np.unique(keys[meshed])
+    size = diagonals(items)
+    meshed = size > budget.point_diagonal
+    levels = budget.surface_levels(size[meshed], placements.stretch[items["occurrence"][meshed]])
+    keys = mesh_keys(items["surface"][meshed], levels)
+    needed = np.unique(keys)
     pool = meshes(needed)
-    slots = np.where(meshed, np.searchsorted(needed, keys), NO_SLOT)
+    slots = np.full(len(items), NO_SLOT)
+    slots[meshed] = np.searchsorted(needed, keys)
     tiles, records, first = [], nodes.copy(), 0
     for row, record in enumerate(records):
         own = slice(first, first := first + int(record["n_items"]))

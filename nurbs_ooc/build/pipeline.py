@@ -167,6 +167,7 @@ def _plan(inputs: Sequence[Path], codec: str) -> dict[str, Any]:
                 tunables.SHARES.tessellation_levels,
                 tunables.SHARES.quantisation,
                 tunables.SHARES.point_diagonal,
+                tunables.SHARES.coarsest_mesh,
             ],
         },
     }

@@ -24,9 +24,9 @@ from nurbs_ooc.hlod.soup import Soup
 NO_SLOT = -1
 
 
-def shown_as_point(items: npt.NDArray[np.void], budget: NodeBudget) -> npt.NDArray[np.bool_]:
-    """(n,) which ``ITEM_DTYPE`` rows are smaller than the error."""
-    return np.linalg.norm(items["aabb_max"] - items["aabb_min"], axis=1) <= budget.point_diagonal
+def diagonals(items: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+    """(n,) diagonals of the boxes of ``ITEM_DTYPE`` rows, mm."""
+    return np.asarray(np.linalg.norm(items["aabb_max"] - items["aabb_min"], axis=1))
 
 
 def node_content(
@@ -88,8 +88,7 @@ def _ledger(errors: npt.NDArray[np.float64], points: npt.NDArray[np.void], moved
         points: ``ITEM_DTYPE`` rows of the surfaces that are points.
         moved: mm.
     """
-    half_diagonals = 0.5 * np.linalg.norm(points["aabb_max"] - points["aabb_min"], axis=1)
-    worst_point = float(half_diagonals.max(initial=0.0))
+    worst_point = 0.5 * float(diagonals(points).max(initial=0.0))
     if not len(errors) or worst_point >= errors.sum(axis=1).max():
         return Ledger(surface=worst_point, cluster=moved)
     surface, trim, pcurve = errors[errors.sum(axis=1).argmax()].tolist()
