@@ -4,9 +4,9 @@
     python scripts/bench_build.py c-class --surfaces 1000 4000 16000 -o out/build
     python scripts/bench_build.py --peers 400 -o out/build --docs docs/benchmarks.md
 
-Every build is a process of its own, start included, with two workers. Rows are kept in ``build.json`` by model and size,
-a new one replaces an old one; ``build.png`` shows all that are there. ``--peers`` times Open CASCADE's mesher on a
-sample of the c-class's faces for a ladder of eight levels, each half the deflection of the one before, and scales to
+Every build is a process of its own, start included, with two workers. Rows are kept in ``build.json`` by model and
+size, a new one replaces an old one; ``build.png`` shows all that are there. ``--peers`` times Open CASCADE's mesher on
+a sample of the c-class's faces for a ladder of eight levels, each half the deflection of the one before, and scales to
 all faces. Models are made once and kept in the output folder.
 """
 
@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from docs_section import replace_section
 from process_tree import run_measured
 
