@@ -15,9 +15,40 @@ from nurbs_ooc.build.mesh_demand import MeshDemand, mesh_keys
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hierarchy.runs import run_rows
 from nurbs_ooc.hlod.budget import NodeBudget
-from nurbs_ooc.hlod.node import diagonals
+from nurbs_ooc.hlod.node import SurfacePoints, diagonals
 
 Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NodeNeeds:
+    """What the tiles of some nodes of one level show, short enough to be sent.
+
+    Attributes:
+        nodes: (n,) ``NODE_DTYPE``.
+        items: ``ITEM_DTYPE``, those larger than the error, node by node.
+        first_item: (n + 1,) where each node's begin.
+        positions, normals: of the others, which become points, node by node; see ``SurfacePoints``.
+        first_point: (n + 1,) where each node's begin.
+        reach: (n,) mm, of each node's points.
+    """
+
+    nodes: npt.NDArray[np.void]
+    items: npt.NDArray[np.void]
+    first_item: Rows
+    positions: npt.NDArray[np.float64]
+    normals: npt.NDArray[np.float32]
+    first_point: Rows
+    reach: npt.NDArray[np.float64]
+
+    def rows_of(self, node: int) -> slice:
+        """Rows of a node's items."""
+        return slice(int(self.first_item[node]), int(self.first_item[node + 1]))
+
+    def points_of(self, node: int) -> SurfacePoints:
+        """A node's points."""
+        own = slice(int(self.first_point[node]), int(self.first_point[node + 1]))
+        return SurfacePoints(self.positions[own], self.normals[own], float(self.reach[node]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +70,25 @@ class Forest:
         placements = Placements.of_transforms(store.get_occurrences()["transform"])
         return cls(store.get_nodes(), store.get_items(), placements)
 
-    def items_of(self, rows: Rows) -> npt.NDArray[np.void]:
-        """All items of the nodes' subtrees, node by node."""
+    def needs(self, rows: Rows) -> NodeNeeds:
+        """What the tiles of nodes of one level show."""
         nodes = self.nodes[rows]
-        return self.items[run_rows(nodes["first_item"], nodes["n_items"])]
+        budget = NodeBudget.of_level(int(nodes["level"][0]), tunables.SHARES)
+        items = run_rows(nodes["first_item"], nodes["n_items"])
+        node_of = np.repeat(np.arange(len(nodes)), nodes["n_items"])
+        meshed = self._diagonals[items] > budget.point_diagonal
+        as_points = items[~meshed]
+        reach = np.zeros(len(nodes))
+        np.maximum.at(reach, node_of[~meshed], 0.5 * self._diagonals[as_points])
+        return NodeNeeds(
+            nodes,
+            self.items[items[meshed]],
+            np.searchsorted(node_of[meshed], np.arange(len(nodes) + 1)),
+            0.5 * self.items["aabb_min"][as_points] + 0.5 * self.items["aabb_max"][as_points],
+            self.items["normal"][as_points],
+            np.searchsorted(node_of[~meshed], np.arange(len(nodes) + 1)),
+            reach,
+        )
 
     @cached_property
     def _diagonals(self) -> npt.NDArray[np.float64]:

@@ -10,11 +10,12 @@ import numpy.typing as npt
 
 from nurbs_cache.tile import TileContent, encode_tile, tile_counts, tile_hash, tile_ledger
 from nurbs_ooc.build import tunables
+from nurbs_ooc.build.forest import NodeNeeds
 from nurbs_ooc.build.mesh_demand import Keys, mesh_keys
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hlod.budget import NodeBudget
 from nurbs_ooc.hlod.mesh_pool import MeshPool
-from nurbs_ooc.hlod.node import NO_SLOT, diagonals, node_content
+from nurbs_ooc.hlod.node import diagonals, node_content
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +32,7 @@ class BuiltNodes:
 
 
 def build_nodes(
-    nodes: npt.NDArray[np.void],
-    items: npt.NDArray[np.void],
+    needs: NodeNeeds,
     placements: Placements,
     codec: str,
     meshes: Callable[[Keys], MeshPool],
@@ -40,25 +40,20 @@ def build_nodes(
     """Build the tiles of nodes of one level; stores nothing.
 
     Args:
-        nodes: (n,) ``NODE_DTYPE``.
-        items: ``ITEM_DTYPE``, the subtree of the first node, then that of the second, ...
+        needs: what the nodes show.
         placements: one row per occurrence.
         codec: entropy coder.
         meshes: gives the meshes of ascending keys, slot by slot.
     """
+    nodes, items = needs.nodes, needs.items
     budget = NodeBudget.of_level(int(nodes["level"][0]), tunables.SHARES)
-    size = diagonals(items)
-    meshed = size > budget.point_diagonal
-    levels = budget.surface_levels(size[meshed], placements.stretch[items["occurrence"][meshed]])
-    keys = mesh_keys(items["surface"][meshed], levels)
-    needed = np.unique(keys)
+    levels = budget.surface_levels(diagonals(items), placements.stretch[items["occurrence"]])
+    needed, slots = np.unique(mesh_keys(items["surface"], levels), return_inverse=True)
     pool = meshes(needed)
-    slots = np.full(len(items), NO_SLOT)
-    slots[meshed] = np.searchsorted(needed, keys)
-    tiles, records, first = [], nodes.copy(), 0
+    tiles, records = [], nodes.copy()
     for row, record in enumerate(records):
-        own = slice(first, first := first + int(record["n_items"]))
-        content = node_content(items[own], slots[own], pool, placements, nodes["aabb_min"][row], budget)
+        own, points = needs.rows_of(row), needs.points_of(row)
+        content = node_content(items[own], slots[own], points, pool, placements, nodes["aabb_min"][row], budget)
         data = encoded(content, int(record["level"]), codec)
         name, (_, *counts) = tile_hash(data), tile_counts(data)
         tiles.append((name, data))

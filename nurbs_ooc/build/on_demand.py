@@ -57,8 +57,7 @@ def build_node_tile(store: TypedStore, row: int, workers: int = 1) -> tuple[str,
     if not 0 <= row < len(forest.nodes):
         raise UsageError(f"node {row}: the tree has {len(forest.nodes)}")
     built = build_nodes(
-        forest.nodes[row : row + 1],
-        forest.items_of(np.array([row])),
+        forest.needs(np.array([row])),
         forest.placements,
         codec_of(store),
         lambda keys: mesh_surfaces(store, keys, forest.demand, workers),

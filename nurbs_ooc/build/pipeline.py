@@ -31,6 +31,7 @@ from nurbs_ooc.build.crew import Crew, SoloCrew
 from nurbs_ooc.build.error_order import order_errors
 from nurbs_ooc.build.fingerprint import fingerprint
 from nurbs_ooc.build.forest import Forest
+from nurbs_ooc.build.freed_memory import return_freed_memory
 from nurbs_ooc.build.memory import DEFAULT_MEMORY, check_memory, check_tables
 from nurbs_ooc.build.mesh_stage import mesh_surfaces_of_runs
 from nurbs_ooc.build.process_crew import ProcessCrew
@@ -101,6 +102,7 @@ def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: 
     """
     _check(inputs, cache)
     check_memory(options.memory, options.workers)
+    return_freed_memory()
     with (
         _crew(options) as crew,
         open_target(cache, _plan(inputs, options.codec), resume=options.resume, force=options.force) as store,

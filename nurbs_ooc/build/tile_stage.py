@@ -6,34 +6,20 @@ What is done is stored some MiB at a time, so a killed build loses little.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.crew import Crew
-from nurbs_ooc.build.forest import Forest, Rows
+from nurbs_ooc.build.forest import Forest, NodeNeeds, Rows
 from nurbs_ooc.build.node_tiles import BuiltNodes, build_nodes
 from nurbs_ooc.build.workshop import Bench, Workshop
 
 
-class NodeJob(NamedTuple):
-    """Nodes of one level.
-
-    Attributes:
-        nodes: ``NODE_DTYPE``.
-        items: ``ITEM_DTYPE``, those of their subtrees, node by node.
-    """
-
-    nodes: npt.NDArray[np.void]
-    items: npt.NDArray[np.void]
-
-
-def build_job(bench: Bench, job: NodeJob) -> BuiltNodes:
+def build_job(bench: Bench, needs: NodeNeeds) -> BuiltNodes:
     """Build the tiles of a job's nodes."""
-    return build_nodes(job.nodes, job.items, bench.placements, bench.shop.codec, bench.shelf.pool)
+    return build_nodes(needs, bench.placements, bench.shop.codec, bench.shelf.pool)
 
 
 def build_tiles(
@@ -50,7 +36,7 @@ def build_tiles(
         advance: told how many nodes were built.
     """
     cuts = list(forest.jobs(rows))
-    jobs = (NodeJob(forest.nodes[cut], forest.items_of(cut)) for cut in cuts)
+    jobs = (forest.needs(cut) for cut in cuts)
     waiting: list[tuple[Rows, BuiltNodes]] = []
     n_bytes = 0
     for cut, built in zip(cuts, crew.run(build_job, shop, jobs), strict=True):

@@ -40,5 +40,6 @@ MESHES_PER_JOB = 2_000
 ITEMS_PER_JOB = 100_000
 """Placed surfaces in the nodes of one job, meshes or points: some 10 MiB to send."""
 
-STORED_AT_ONCE = 16 << 20
-"""Bytes of tiles in one transaction: what a kill loses, and enough that transactions cost nothing."""
+STORED_AT_ONCE = 4 << 20
+"""Bytes of tiles in one transaction: what a kill loses. Tiles go to random pages of the store, and the system maps
+16 pages around each that is touched, so that 16 MiB of tiles would take 400 MiB of memory."""

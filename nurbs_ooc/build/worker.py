@@ -12,12 +12,14 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from nurbs_cache.errors import NurbsOocError, WorkerDiedError
+from nurbs_ooc.build.freed_memory import return_freed_memory
 from nurbs_ooc.build.workshop import opened
 
 
 def serve(descriptor: int) -> None:
     """Receive (number, task, shop, job), send (number, result, error)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return_freed_memory()
     connection = Connection(descriptor)
     inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, inbox), daemon=True).start()
