@@ -1,7 +1,8 @@
 """What r, a node's longest edge over its error, costs: nodes, primitives and bytes, in the cache and on the screen.
 
-Takes the surfaces of a cache, plants trees for several r, builds all tiles in memory and counts what a view draws.
-The view is the whole model at a given number of pixels along its longest edge, without culling, each surface at
+Takes the surfaces of a cache, plants trees for several r, builds all tiles in a temporary folder and counts what a
+view draws. The view is the whole model at a given number of pixels along its longest edge, without culling, each
+surface at
 half a pixel; direct surfaces that are drawn through their own levels of detail are counted apart.
 
     python scripts/measure_node_size.py CACHE [--r 128 256 512] [--pixels 250 1000 4000]
@@ -10,32 +11,40 @@ half a pixel; direct surfaces that are drawn through their own levels of detail 
 from __future__ import annotations
 
 import argparse
+import shutil
+import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.memory_store import MemoryStore
 from nurbs_cache.store import Store
-from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.build.box_stage import box_surfaces
+from nurbs_ooc.build.box_stage import Boxes, box_surfaces
+from nurbs_ooc.build.codec_choice import DEFAULT_CODEC
+from nurbs_ooc.build.crew import SoloCrew
 from nurbs_ooc.build.error_order import order_errors
-from nurbs_ooc.build.tile_stage import Forest, build_tiles
+from nurbs_ooc.build.forest import Forest
+from nurbs_ooc.build.mesh_stage import mesh_surfaces_of_runs
+from nurbs_ooc.build.surface_runs import surface_runs
+from nurbs_ooc.build.tile_stage import build_tiles
+from nurbs_ooc.build.workshop import Workshop
 from nurbs_ooc.hierarchy.lazy_octree import build_lazy_octree
 
 
-def built_nodes(store: TypedStore, r: float, boxes: tuple[npt.NDArray[Any], ...]) -> tuple[npt.NDArray[np.void], float]:
-    """Node table with all tiles for one r, and the seconds for the tiles."""
+def built_nodes(shop: Workshop, r: float, boxes: Boxes) -> tuple[npt.NDArray[np.void], float]:
+    """Node table with all tiles for one r, and the seconds for meshes and tiles."""
     nodes, items = build_lazy_octree(boxes[0], boxes[1], r)
-    store.put_face_report(boxes[2])
-    store.put_tree(nodes, items)
-    forest = Forest.load(store)
-    start = time.perf_counter()
-    build_tiles(store, forest, np.arange(len(nodes)), 2, lambda _: None)
-    seconds = time.perf_counter() - start
-    order_errors(store, forest.nodes, np.ones(len(nodes), np.bool_))
+    with Store.open(shop.store, read_only=False) as store, SoloCrew() as crew:
+        store.put_face_report(boxes[2])
+        store.put_tree(nodes, items)
+        forest = Forest.load(store)
+        start = time.perf_counter()
+        runs = surface_runs(store.part_infos())
+        mesh_surfaces_of_runs(store, crew, shop, runs, forest.demand, forest.demand, lambda _: None)
+        build_tiles(store, forest, np.arange(len(nodes)), crew, shop, lambda _: None)
+        seconds = time.perf_counter() - start
+        order_errors(store, forest.nodes, np.ones(len(nodes), np.bool_))
     return forest.nodes, seconds
 
 
@@ -56,15 +65,18 @@ def main() -> None:
     parser.add_argument("--r", type=float, nargs="+", default=[128.0, 256.0, 512.0, 1024.0])
     parser.add_argument("--pixels", type=int, nargs="+", default=[250, 1000, 4000])
     arguments = parser.parse_args()
-    store = MemoryStore()
-    with Store.open(arguments.cache) as source:
+    folder = Path(tempfile.mkdtemp())
+    shop = Workshop(folder / "cache", folder, DEFAULT_CODEC)
+    with Store.open(arguments.cache) as source, Store.create(shop.store) as store:
         store.put_parts((i, info, source.get_part(i)) for i, info in enumerate(source.part_infos()))
         store.put_scene(source.get_products(), source.get_materials(), source.get_occurrences(), source.get_units())
-    boxes = box_surfaces(store, 2, lambda _: None)
+        runs = surface_runs(store.part_infos())
+    with SoloCrew() as crew:
+        boxes = box_surfaces(crew, shop, runs, lambda _: None)
     size = float((boxes[0]["aabb_max"].max(axis=0) - boxes[0]["aabb_min"].min(axis=0)).max())
     print("r | nodes | primitives: mean, largest | tile MiB | s | " + " | ".join(f"{p} px" for p in arguments.pixels))
     for r in arguments.r:
-        nodes, seconds = built_nodes(store, r, boxes)
+        nodes, seconds = built_nodes(shop, r, boxes)
         primitives = nodes["n_triangles"].astype(np.int64) + nodes["n_lines"] + nodes["n_points"]
         views = []
         for pixels in arguments.pixels:
@@ -75,6 +87,7 @@ def main() -> None:
             f"{primitives.mean():.0f}, {primitives.max()} | {nodes['tile_bytes'].sum() / 2**20:.1f} | {seconds:.1f}"
         )
         print(f"{r:g} | {len(nodes)} | {totals} | " + " | ".join(views), flush=True)
+    shutil.rmtree(folder)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import resource
 import shutil
 import threading
 import time
@@ -127,6 +128,10 @@ class Environment:
     def is_writer(self) -> bool:
         """Whether this process holds the writer's lock on it."""
         return self._writer is not None
+
+    def release_pages(self) -> None:
+        """Take the pages that were read out of this process's memory; setting the map's size maps it anew."""
+        self._resize(self.env.info()["map_size"])
 
     def release(self) -> None:
         """Give back what ``shared`` gave."""
@@ -289,8 +294,13 @@ def _open_lmdb(path: Path, *, create: bool, map_bytes: int) -> lmdb.Environment:
 
 
 def _why(error: lmdb.Error, path: Path) -> str:
-    """LMDB calls a full disk an input/output error."""
-    return "its disk is full" if shutil.disk_usage(path).free < FULL_DISK_BYTES else str(error)
+    """LMDB calls a full disk and a limit on the size of files an input/output error."""
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if shutil.disk_usage(path).free < FULL_DISK_BYTES:
+        return "its disk is full"
+    if limit not in (resource.RLIM_INFINITY, -1):
+        return f"{error}; this process may write files of {limit} bytes at most"
+    return str(error)
 
 
 def _refuse_foreign(env: lmdb.Environment, path: Path) -> None:

@@ -31,3 +31,9 @@ class PromiseBrokenError(NurbsOocError):
     """The work was done, but a promised bound does not hold."""
 
     exit_code = 1
+
+
+class WorkerDiedError(NurbsOocError):
+    """A process that worked for this one has ended before its job was done."""
+
+    exit_code = 1

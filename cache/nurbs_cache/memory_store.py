@@ -75,6 +75,9 @@ class MemoryStore(TypedStore):
         with self._lock:
             return {name: len(self._table(name)) for name in TABLES}
 
+    def release_pages(self) -> None:
+        """Nothing: it all lives in memory."""
+
     def close(self) -> None:
         """Release it; closing twice is allowed."""
         self._closed = True

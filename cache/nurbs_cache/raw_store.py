@@ -91,6 +91,10 @@ class RawStore(ABC):
         """Number of keys per table."""
 
     @abstractmethod
+    def release_pages(self) -> None:
+        """Give back memory that holds what was read; for loops that read a whole table once."""
+
+    @abstractmethod
     def close(self) -> None:
         """Release the store; closing twice is allowed."""
 

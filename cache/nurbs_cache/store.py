@@ -137,6 +137,10 @@ class Store(TypedStore):
         with environment.reading() as transaction:
             return {table: int(transaction.stat(environment.table(table))["entries"]) for table in TABLES}
 
+    def release_pages(self) -> None:
+        """See ``RawStore``: the file is mapped, and pages once read count as this process's memory."""
+        self._live().release_pages()
+
     def close(self) -> None:
         """Release it; closing twice is allowed."""
         if self._closed:

@@ -20,6 +20,7 @@ from nurbs_cache.tree_tables import TreeTables
 
 SCHEMA_VERSION = 1
 MAGIC = b"nurbs-ooc cache"
+READ_AT_ONCE = 64 << 20  # bytes; loops over a whole table give the memory of what they have read back so often
 HASHED_TABLES = ("part_infos", "parts", "scene", "tree", "nodes", "items", "faces")
 
 
@@ -41,9 +42,14 @@ class TypedStore(PartTables, TreeTables, TileTables):
         digest.update(record.identity(self.get("meta", b"units"), f"{self.name}: units"))
         for table in HASHED_TABLES:
             digest.update(table.encode() + b"\0")
+            n_bytes = 0
             for key, value in self.scan(table):
                 digest.update(struct.pack("<I", len(key)) + key)
                 digest.update(record.identity(value, f"{self.name}: {table} {key.hex()}"))
+                n_bytes += len(value)
+                if n_bytes > READ_AT_ONCE:
+                    self.release_pages()
+                    n_bytes = 0
             digest.update(b"\xff\xff\xff\xff")
         self._check_node_tiles()
         return digest.hexdigest()

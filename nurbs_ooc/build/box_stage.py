@@ -1,55 +1,101 @@
-"""Stage 2: the placed surfaces with their boxes, and how every face came through."""
+"""Stage 2: the placed surfaces with their boxes, and how every face came through, run by run of surfaces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from nurbs_cache import record
+from nurbs_cache.errors import CorruptRecordError
 from nurbs_cache.face_record import FACE_REPORT_DTYPE
 from nurbs_cache.node_record import ITEM_DTYPE
-from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.build.workers import run_in_order
+from nurbs_ooc.build.crew import Crew
+from nurbs_ooc.build.spill import new_file
+from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun, geometry_around
+from nurbs_ooc.build.workshop import Bench, Workshop
 from nurbs_ooc.hierarchy.boxes import PartSketch, placed_items, sketch_part
 
-Sketched = tuple[PartSketch, npt.NDArray[np.int32]]
+_COUNTS = struct.Struct("<II")  # items, faces
+
+Boxes = tuple[npt.NDArray[np.void], npt.NDArray[np.int32], npt.NDArray[np.void]]
 
 
-def box_surfaces(
-    store: TypedStore, workers: int, advance: Callable[[int], None]
-) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int32], npt.NDArray[np.void]]:
-    """Sketch every part once and place it as often as it occurs.
+def box_surfaces(crew: Crew, shop: Workshop, runs: Sequence[SurfaceRun], advance: Callable[[int], None]) -> Boxes:
+    """Sketch every surface once and place it as often as it occurs.
 
     Args:
-        store: with parts and scene.
-        workers: threads.
-        advance: told the number of surfaces of each part that is done.
+        crew: does the work.
+        shop: its store has parts and scene; the runs' files go to its folder.
+        runs: of all surfaces.
+        advance: told the number of surfaces that are done.
 
     Returns:
-        The items (``ITEM_DTYPE``, by occurrence, then surface), the material of each, and the face report.
+        The items (``ITEM_DTYPE``, by part, occurrence, surface), the material of each, and the face report.
     """
-    infos, occurrences = store.part_infos(), store.get_occurrences()
-    rows_of_part = np.argsort(occurrences["part"], kind="stable")
-    first = np.searchsorted(occurrences["part"][rows_of_part], np.arange(len(infos) + 1))
-    items, materials, reports = [np.zeros(0, ITEM_DTYPE)], [np.zeros(0, np.int32)], [np.zeros(0, FACE_REPORT_DTYPE)]
-    jobs = (partial(_sketch, store, index) for index in range(len(infos)))
-    for index, (sketch, own_materials) in enumerate(run_in_order(jobs, workers)):
-        rows = rows_of_part[first[index] : first[index + 1]]
-        placed = placed_items(sketch, infos[index].first_surface, rows, occurrences["transform"][rows])
-        items.append(placed)
-        override = occurrences["material"][placed["occurrence"]]
-        own = own_materials[(placed["surface"] - np.uint64(infos[index].first_surface)).astype(np.int64)]
-        materials.append(np.where(override >= 0, override, own))
-        reports.append(_face_report(sketch, infos[index].first_surface))
-        advance(infos[index].n_surfaces)
-    return np.concatenate(items), np.concatenate(materials), np.concatenate(reports)
+    done: list[Boxes] = [(np.zeros(0, ITEM_DTYPE), np.zeros(0, np.int32), np.zeros(0, FACE_REPORT_DTYPE))]
+    for run, path in zip(runs, crew.run(box_run, shop, range(len(runs))), strict=True):
+        done.append(read_boxes(path))
+        advance(run.n_surfaces)
+    items, materials, faces = (np.concatenate(column) for column in zip(*done, strict=True))
+    return items, materials, faces
 
 
-def _sketch(store: TypedStore, index: int) -> Sketched:
-    geometry = store.get_part(index)
-    return sketch_part(geometry), geometry.surfaces["material"].copy()
+def box_run(bench: Bench, number: int) -> Path:
+    """Make the file of a run if it is not there yet; returns its path."""
+    run = bench.runs[number]
+    path = bench.shop.spill / f"{run.name}.boxes"
+    if not _left_from_before(path):
+        boxes = [_box_slice(bench, piece) for piece in run.slices]
+        items, materials, faces = (np.concatenate(column) for column in zip(*boxes, strict=True))
+        content = _COUNTS.pack(len(items), len(faces)) + items.tobytes() + materials.tobytes() + faces.tobytes()
+        with new_file(path) as file:
+            file.write(record.pack(content))
+        bench.rest()
+    return path
+
+
+def read_boxes(path: Path) -> Boxes:
+    """Items, their materials and face report of a run.
+
+    Raises:
+        CorruptRecordError: the file is damaged.
+    """
+    content = record.unpack(path.read_bytes(), str(path))
+    n_items, n_faces = _COUNTS.unpack_from(content)
+    at = _COUNTS.size
+    items = np.frombuffer(content, ITEM_DTYPE, n_items, at)
+    materials = np.frombuffer(content, np.int32, n_items, at + items.nbytes)
+    faces = np.frombuffer(content, FACE_REPORT_DTYPE, n_faces, at + items.nbytes + materials.nbytes)
+    return items, materials, faces
+
+
+def _left_from_before(path: Path) -> bool:
+    """Whether a former build has left the file, whole."""
+    try:
+        read_boxes(path)
+    except (FileNotFoundError, CorruptRecordError):
+        return False
+    return True
+
+
+def _box_slice(bench: Bench, piece: PartSlice) -> Boxes:
+    geometry = bench.store.get_part(piece.part)
+    rows = np.arange(piece.first_row, piece.first_row + piece.n_surfaces)
+    own_materials = geometry.surfaces["material"][rows]
+    if piece.whole:
+        sketch = sketch_part(geometry)
+    else:
+        near, rows = geometry_around(geometry, rows)
+        sketch = sketch_part(near, rows=rows)
+    placed = bench.occurrences_of(piece.part)
+    items = placed_items(sketch, piece.first_surface, placed, bench.occurrences["transform"][placed])
+    override = bench.occurrences["material"][items["occurrence"]]
+    own = own_materials[(items["surface"] - np.uint64(piece.first_surface)).astype(np.int64)]
+    return items, np.where(override >= 0, override, own).astype(np.int32), _face_report(sketch, piece.first_surface)
 
 
 def _face_report(sketch: PartSketch, first_surface: int) -> npt.NDArray[np.void]:

@@ -2,42 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
+from nurbs_cache.face_record import FACE_REPORT_DTYPE
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_cache.typed_store import TypedStore
-from nurbs_ooc.hlod.mesh_pool import MeshPool
 
 STATUS_NAMES = {status: status.name.lower() for status in FaceStatus}
 
 
-class FaceReport:
-    """The stored face report, kept up to date while surfaces are tessellated again and again."""
+def worst_rows(
+    surfaces: npt.NDArray[np.uint64],
+    status: npt.NDArray[np.uint8],
+    reason: npt.NDArray[np.uint16],
+    certified: npt.NDArray[np.float64],
+) -> npt.NDArray[np.void]:
+    """One ``FACE_REPORT_DTYPE`` row a surface, ascending: its worst status and reason, its smallest error (mm)."""
+    order = np.lexsort((reason, status, surfaces))
+    ids, first = np.unique(surfaces[order], return_index=True)
+    last = np.append(first[1:], len(order))[: len(first)] - 1
+    rows = np.zeros(len(ids), FACE_REPORT_DTYPE)
+    rows["surface"] = ids
+    rows["status"], rows["reason"] = status[order][last], reason[order][last]
+    if len(ids):
+        rows["certified"] = np.minimum.reduceat(certified[order], first)
+    return rows
 
-    def __init__(self, store: TypedStore) -> None:
-        self._store = store
-        self._rows = store.get_face_report()
 
-    def add(self, surfaces: npt.NDArray[np.uint64], meshes: MeshPool) -> None:
-        """Take in the meshes of ``surfaces`` (slot by slot) and store the rows that changed.
-
-        Worse statuses replace better ones; of certified errors the smallest is kept. Neither depends on
-        the order of the calls.
-        """
-        at = np.searchsorted(self._rows["surface"], surfaces)
-        before = self._rows.copy()
-        worse = meshes.status > self._rows["status"][at]
-        order = np.argsort(meshes.status[worse], kind="stable")
-        where = at[worse][order]
-        self._rows["status"][where], self._rows["reason"][where] = (
-            meshes.status[worse][order],
-            meshes.reason[worse][order],
-        )
-        np.minimum.at(self._rows["certified"], at, meshes.errors.sum(axis=1))
-        changed = np.flatnonzero(before != self._rows)
-        if len(changed):
-            self._store.put_face_report(self._rows[changed])
+def add_to_report(store: TypedStore, reports: Sequence[npt.NDArray[np.void]]) -> None:
+    """Merge rows into the stored report and store those that changed; the order of ``reports`` does not matter."""
+    before = store.get_face_report()
+    both = np.concatenate([before, *reports])
+    after = worst_rows(both["surface"], both["status"], both["reason"], both["certified"])
+    old = np.searchsorted(before["surface"], after["surface"])
+    is_old = np.isin(after["surface"], before["surface"])
+    changed = ~is_old
+    changed[is_old] = after[is_old] != before[old[is_old]]
+    if changed.any():
+        store.put_face_report(after[changed])
 
 
 def status_counts(store: TypedStore) -> dict[str, int]:

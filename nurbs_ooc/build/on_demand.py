@@ -19,7 +19,9 @@ from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.codec_choice import codec_of
 from nurbs_ooc.build.error_order import raise_ancestors
-from nurbs_ooc.build.tile_stage import Forest, build_batch, encoded
+from nurbs_ooc.build.forest import Forest
+from nurbs_ooc.build.node_tiles import build_nodes, encoded
+from nurbs_ooc.build.surface_meshes import mesh_surfaces
 from nurbs_ooc.tessellation.tessellate import tessellate
 
 FINEST_LOD, COARSEST_LOD = -40, 40  # ladder levels that a client may ask for: 2**level mm
@@ -54,7 +56,12 @@ def build_node_tile(store: TypedStore, row: int, workers: int = 1) -> tuple[str,
     forest = _forest(store)
     if not 0 <= row < len(forest.nodes):
         raise UsageError(f"node {row}: the tree has {len(forest.nodes)}")
-    built = build_batch(store, forest, np.array([row]), workers)
+    built = build_nodes(
+        forest.needs(np.array([row])),
+        forest.placements,
+        codec_of(store),
+        lambda keys: mesh_surfaces(store, keys, forest.demand, workers),
+    )
     name, data = built.tiles[0]
     store.put_tiles([(name, data)])
     with _updating:

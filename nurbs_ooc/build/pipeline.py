@@ -2,12 +2,13 @@
 
 ::
 
-    inputs --read--> parts, scene --box--> items --plant--> trees --tiles--> nodes --order--> errors
-                        |                    |                |                |
-                        `--------------------+--- store ------+----------------'
+    inputs --read--> parts, scene --box--> items --plant--> trees --mesh--> meshes --tiles--> nodes --order--> errors
+                        |                    |                |               |                 |
+                        |                  spill              |             spill               |
+                        `--------------------+--------------- store ----------+-----------------'
 
-Each stage ends with a table in the store, and is skipped when that table is there: so a killed build
-resumes. Nothing depends on the number of threads or on where a build was killed.
+Each stage ends with a table in the store or files in the spill folder, and what is there is not made
+again: so a killed build resumes. Nothing depends on who does the jobs or on where a build was killed.
 """
 
 from __future__ import annotations
@@ -22,15 +23,24 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.typed_store import TypedStore
+from nurbs_cache.store import Store
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.box_stage import box_surfaces
 from nurbs_ooc.build.codec_choice import DEFAULT_CODEC, codec_plan
+from nurbs_ooc.build.crew import Crew, SoloCrew
 from nurbs_ooc.build.error_order import order_errors
 from nurbs_ooc.build.fingerprint import fingerprint
+from nurbs_ooc.build.forest import Forest
+from nurbs_ooc.build.freed_memory import return_freed_memory
+from nurbs_ooc.build.memory import DEFAULT_MEMORY, check_memory, check_tables
+from nurbs_ooc.build.mesh_stage import mesh_surfaces_of_runs
+from nurbs_ooc.build.process_crew import ProcessCrew
 from nurbs_ooc.build.read_stage import read_inputs
+from nurbs_ooc.build.spill import spill_folder
+from nurbs_ooc.build.surface_runs import surface_runs
 from nurbs_ooc.build.target import open_target
-from nurbs_ooc.build.tile_stage import Forest, build_tiles
+from nurbs_ooc.build.tile_stage import build_tiles
+from nurbs_ooc.build.workshop import Workshop
 from nurbs_ooc.hierarchy.lazy_octree import build_lazy_octree
 
 Levels = Literal["root", "all"]
@@ -41,6 +51,9 @@ class Counter(Protocol):
 
     def advance(self, n: float = 1) -> None:
         """Count ``n`` more units as done."""
+
+    def set_total(self, total: float) -> None:
+        """Tell how many units there are."""
 
 
 class Watch(Protocol):
@@ -59,10 +72,11 @@ class BuildOptions:
 
     Attributes:
         levels: tiles of the roots only, or of all nodes; the rest is built on demand.
-        workers: threads.
+        workers: processes that work beside this one; 1: this one alone.
         resume: go on with what is there.
         force: replace what is there.
         codec: entropy coder of the tiles, "zstd" or "huffman".
+        memory: bytes for all processes together.
     """
 
     levels: Levels = "all"
@@ -70,6 +84,7 @@ class BuildOptions:
     resume: bool = False
     force: bool = False
     codec: str = DEFAULT_CODEC
+    memory: int = DEFAULT_MEMORY
 
 
 def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: ProgressBars, watch: Watch) -> None:
@@ -80,29 +95,49 @@ def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: 
         cache: the folder to make; an existing one stays as it is until the new one is complete.
         options: see ``BuildOptions``.
         progress: makes a progress bar from a label and a total.
-        watch: times the stages read, tessellate, hierarchy, hlod and write.
+        watch: times the stages read, box, hierarchy, tables, tessellate, hlod and write.
 
     Raises:
         UsageError, InputFileError, CacheError: one line each; nothing is half-written.
     """
     _check(inputs, cache)
-    with open_target(cache, _plan(inputs, options.codec), resume=options.resume, force=options.force) as store:
+    check_memory(options.memory, options.workers)
+    return_freed_memory()
+    with (
+        _crew(options) as crew,
+        open_target(cache, _plan(inputs, options.codec), resume=options.resume, force=options.force) as store,
+        spill_folder(cache, fresh=not options.resume) as spill,
+    ):
+        shop = Workshop(store.path, spill, options.codec)
         with watch.stage("read"), progress("reading surfaces", None) as bar:
             read_inputs(inputs, store, bar.advance)
         if not store.n_items():
-            plant(store, options.workers, progress, watch)
-        with watch.stage("hlod"), progress("building nodes", None) as bar:
+            plant(store, crew, shop, progress, watch)
+        with watch.stage("tables"):
             forest = Forest.load(store)
+            check_tables(options.memory, options.workers, forest)
             missing = missing_tiles(forest.nodes, options.levels)
-            build_tiles(store, forest, missing, options.workers, bar.advance)
+            demand = forest.demand
+            wanted = demand if len(missing) == len(forest.nodes) else forest.demand_of(missing)
+        with watch.stage("tessellate"), progress("tessellating surfaces", len(wanted)) as bar:
+            runs = surface_runs(store.part_infos())
+            mesh_surfaces_of_runs(store, crew, shop, runs, wanted, demand, bar.advance)
+        with watch.stage("hlod"), progress("building nodes", len(missing)) as bar:
+            build_tiles(store, forest, missing, crew, shop, bar.advance)
         with watch.stage("write"):
             order_errors(store, forest.nodes, np.isin(np.arange(len(forest.nodes)), missing))
 
 
-def plant(store: TypedStore, workers: int, progress: ProgressBars, watch: Watch) -> None:
+def _crew(options: BuildOptions) -> Crew:
+    return SoloCrew() if options.workers == 1 else ProcessCrew(options.workers)
+
+
+def plant(store: Store, crew: Crew, shop: Workshop, progress: ProgressBars, watch: Watch) -> None:
     """Boxes of all surfaces, then the trees."""
-    with watch.stage("tessellate"), progress("boxing surfaces", None) as bar:
-        items, materials, faces = box_surfaces(store, workers, bar.advance)
+    runs = surface_runs(store.part_infos())
+    n_surfaces = sum(run.n_surfaces for run in runs)
+    with watch.stage("box"), progress("boxing surfaces", n_surfaces) as bar:
+        items, materials, faces = box_surfaces(crew, shop, runs, bar.advance)
     with watch.stage("hierarchy"):
         nodes, items = build_lazy_octree(items, materials, tunables.EDGE_OVER_ERROR)
         store.put_face_report(faces)
@@ -134,6 +169,7 @@ def _plan(inputs: Sequence[Path], codec: str) -> dict[str, Any]:
                 tunables.SHARES.tessellation_levels,
                 tunables.SHARES.quantisation,
                 tunables.SHARES.point_diagonal,
+                tunables.SHARES.coarsest_mesh,
             ],
         },
     }

@@ -22,14 +22,24 @@ POSITION_BITS = 21
 NORMAL_BITS = 10
 """Bits per octahedral coordinate of a normal: 0.2 degrees."""
 
-SHARES = Shares(tessellation_levels=1, quantisation=2.0**-STEP_LEVELS, point_diagonal=1.0)
+SHARES = Shares(tessellation_levels=1, quantisation=2.0**-STEP_LEVELS, point_diagonal=1.0, coarsest_mesh=4)
 """How a node's budget is shared: half for the tessellation, 1/64 for quantisation, the rest for clustering.
 
 A surface with a box diagonal of one budget becomes a point at a cost of half a budget, the tessellation's.
+Meshes are no coarser than a sixteenth of the diagonal: a surface of up to eight pixels has one mesh for all nodes that
+show it so small, whose vertices clustering merges anyway. That makes 3 % more bytes and a third fewer meshes.
 """
 
-SURFACES_PER_BATCH = 20_000
-"""Meshes (surface, level) held at a time; at 10 KiB each some 200 MiB. A node is never cut in two."""
+SURFACES_PER_RUN = 512
+"""Surfaces that one job boxes or tessellates: a second of work at 2 ms a surface for all its levels, some 10 MiB.
+Parts with twice as many are cut; at each cut the surfaces beside it are tessellated twice."""
 
-ITEMS_PER_BATCH = 400_000
-"""Placed surfaces in the nodes of one batch: bounds the index arrays at some tens of MiB."""
+MESHES_PER_JOB = 2_000
+"""Placed meshes in the nodes of one job: a second of work, some 40 MiB. A node is never cut in two."""
+
+ITEMS_PER_JOB = 100_000
+"""Placed surfaces in the nodes of one job, meshes or points: some 10 MiB to send."""
+
+STORED_AT_ONCE = 4 << 20
+"""Bytes of tiles in one transaction: what a kill loses. Tiles go to random pages of the store, and the system maps
+16 pages around each that is touched, so that 16 MiB of tiles would take 400 MiB of memory."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from nurbs_ooc.cli.byte_size import byte_size
 from nurbs_ooc.cli.console import Console, Stopwatch, peak_rss_mib, run_command, write_report
 
 
@@ -21,7 +22,19 @@ from nurbs_ooc.cli.console import Console, Stopwatch, peak_rss_mib, run_command,
     help="Nodes whose tiles are built now; the server builds the others when they are first asked for.",
 )
 @click.option(
-    "--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, show_default="all cores", help="Threads."
+    "--workers",
+    type=click.IntRange(min=1),
+    default=os.cpu_count() or 1,
+    show_default="all cores",
+    help="Processes that do the work; 1: no others than this one.",
+)
+@click.option(
+    "--memory",
+    type=byte_size,
+    metavar="SIZE",
+    default="1GiB",
+    show_default=True,
+    help="For all processes together; a budget that is too small for the workers or the model is refused.",
 )
 @click.option(
     "--codec",
@@ -40,6 +53,7 @@ def command(
     cache: Path,
     levels: str,
     workers: int,
+    memory: int,
     codec: str,
     resume: bool,
     force: bool,
@@ -56,7 +70,7 @@ def command(
     from nurbs_ooc.build.report import contents
 
     console, watch = Console(as_json), Stopwatch()
-    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force, codec)
+    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force, codec, memory)
     build(inputs, cache, options, console.progress, watch)
     with Store.open(cache) as store:
         result = {"output": str(cache), **contents(store)}

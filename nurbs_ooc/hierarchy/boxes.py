@@ -15,6 +15,7 @@ Source: M. Guthe, A. Balazs, R. Klein, "Real-time out-of-core trimmed NURBS rend
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_cache.node_record import ITEM_DTYPE
 from nurbs_cache.surface_record import GeometryBatch
+from nurbs_ooc.geometry.subset import subset
 from nurbs_ooc.hierarchy.extents import rough_extents
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hierarchy.runs import run_rows
@@ -37,7 +39,7 @@ MAX_ROUNDS = 4  # the rough extent is off by more than 100**3 only for surfaces 
 
 @dataclass(frozen=True, eq=False)
 class PartSketch:
-    """Coarse meshes of all surfaces of a part, as far as boxes need them.
+    """Coarse meshes of surfaces of a part, as far as boxes need them.
 
     Attributes:
         point_start: (n + 1,) int64; surface ``i`` has the points ``point_start[i]:point_start[i + 1]``,
@@ -125,15 +127,17 @@ def _diagonals(mesh: MeshBatch) -> npt.NDArray[np.float64]:
     return np.where(filled, np.linalg.norm(np.where(filled[:, None], boxes[:, 3:] - boxes[:, :3], 0.0), axis=1), 0.0)
 
 
-def _coarse_meshes(geometry: GeometryBatch, workers: int) -> list[MeshBatch]:
-    """Meshes of all surfaces, each at an error of at most 1 % of its diagonal; a later mesh of a surface counts."""
+def _coarse_meshes(geometry: GeometryBatch, rows: npt.NDArray[np.int64], workers: int) -> list[MeshBatch]:
+    """Meshes of ``rows``, each at an error of at most 1 % of its diagonal; a later mesh of a surface counts."""
     meshes: list[MeshBatch] = []
-    rows = np.arange(len(geometry))
     level = _levels_for(rough_extents(geometry))
     for _ in range(MAX_ROUNDS):
         too_coarse = [rows[:0]]
         for value in np.unique(level[rows]):
-            mesh = tessellate(geometry, 2.0 ** int(value), faces=rows[level[rows] == value], workers=workers)
+            # Alone, without the neighbours, who may be far larger: boxes need no common edges.
+            faces = rows[level[rows] == value]
+            mesh = tessellate(subset(geometry, faces), 2.0 ** int(value), workers=workers)
+            mesh = dataclasses.replace(mesh, faces=faces)
             meshes.append(mesh)
             diagonal = _diagonals(mesh)
             finer = np.minimum(_levels_for(diagonal), value)
@@ -143,19 +147,21 @@ def _coarse_meshes(geometry: GeometryBatch, workers: int) -> list[MeshBatch]:
     return meshes
 
 
-def sketch_part(geometry: GeometryBatch, workers: int = 1) -> PartSketch:
+def sketch_part(geometry: GeometryBatch, workers: int = 1, rows: npt.NDArray[np.int64] | None = None) -> PartSketch:
     """Tessellate a part as coarsely as boxes allow.
 
     Args:
         geometry: the part, mm.
         workers: threads for the tessellation; the result does not depend on it.
+        rows: (n,) ascending, the surfaces to take; all by default.
     """
-    n = len(geometry)
+    wanted = np.arange(len(geometry)) if rows is None else rows
+    n = len(wanted)
     start, count, error = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n)
     normal, status, reason = np.zeros((n, 3)), np.zeros(n, np.uint8), np.zeros(n, np.uint16)
     points, n_points = [np.zeros((0, 3))], 0
-    for mesh in _coarse_meshes(geometry, workers):
-        faces, normals = mesh.faces, np.empty((len(mesh.faces), 3))
+    for mesh in _coarse_meshes(geometry, wanted, workers):
+        faces, normals = np.searchsorted(wanted, mesh.faces), np.empty((len(mesh.faces), 3))
         _average_normals(mesh.vertex_start, mesh.triangle_start, mesh.positions, mesh.normals, mesh.triangles, normals)
         start[faces], count[faces] = n_points + mesh.vertex_start[:-1], np.diff(mesh.vertex_start)
         error[faces], normal[faces] = mesh.certified_error, normals

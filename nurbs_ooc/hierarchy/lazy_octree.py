@@ -189,7 +189,7 @@ def build_lazy_octree(
         orders.append(order)
         first_row, first_item = first_row + n_nodes, first_item + len(order)
     nodes = np.concatenate(tables)
-    placed = items[np.concatenate(orders)].astype(ITEM_DTYPE)
+    placed = items[np.concatenate(orders)].astype(ITEM_DTYPE, copy=False)
     placed["node"][run_rows(nodes["first_item"], nodes["n_direct"])] = np.repeat(
         np.arange(len(nodes)), nodes["n_direct"]
     )

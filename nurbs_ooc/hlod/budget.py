@@ -30,11 +30,13 @@ class Shares:
         tessellation_levels: how many levels finer than the node its surfaces are tessellated.
         quantisation: kept for the tile's encoding.
         point_diagonal: surfaces whose box diagonal is at most this become one point.
+        coarsest_mesh: levels that a mesh's error stays below the diagonal of its surface.
     """
 
     tessellation_levels: int
     quantisation: float
     point_diagonal: float
+    coarsest_mesh: int
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class NodeBudget:
     Attributes:
         error: the whole, 2**level.
         tessellation_level: ladder level of the chord error in assembly space.
+        coarsest_mesh: levels that the chord error stays below the diagonal of the surface.
         point_diagonal: surfaces with at most this box diagonal become one point.
         allowance: the furthest that clustering and points may move a primitive.
         cell: edge of a clustering cell whose half diagonal is the allowance.
@@ -52,6 +55,7 @@ class NodeBudget:
 
     error: float
     tessellation_level: int
+    coarsest_mesh: int
     point_diagonal: float
     allowance: float
     cell: float
@@ -65,12 +69,21 @@ class NodeBudget:
         return cls(
             error,
             level - shares.tessellation_levels,
+            shares.coarsest_mesh,
             error * shares.point_diagonal,
             allowance,
             allowance / HALF_DIAGONAL,
             SMALL_AREA_PX * (PIXEL * error) ** 2,
         )
 
-    def surface_levels(self, scale: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
-        """Ladder levels in surface space for placements that stretch lengths by ``scale`` (> 0)."""
-        return np.floor(self.tessellation_level - np.log2(scale) + SAME_LEVEL).astype(np.int64)
+    def surface_levels(
+        self, diagonal: npt.NDArray[np.floating], scale: npt.NDArray[np.floating]
+    ) -> npt.NDArray[np.int64]:
+        """Ladder levels in surface space of placed surfaces that become meshes.
+
+        Args:
+            diagonal: of their boxes, mm, > 0.
+            scale: by how much the placement stretches lengths, > 0.
+        """
+        coarsest = np.floor(np.log2(diagonal)) - self.coarsest_mesh
+        return np.floor(np.minimum(self.tessellation_level, coarsest) - np.log2(scale) + SAME_LEVEL).astype(np.int64)

@@ -24,6 +24,8 @@ from nurbs_cache.jit import kernel
 from nurbs_ooc.hlod.hashing import EMPTY, find_slot, new_table
 
 SAME_NORMAL = np.cos(np.radians(30.0))  # smoother than what Gouraud shading shows within a pixel, sharper than any edge
+CANCELLED = 1e-3  # sums of unit normals that are shorter have no direction
+UPWARD = np.array([[0.0, 0.0, 1.0]], np.float32)
 CELL_BITS = 21  # per axis in a cell's key
 MAX_CELLS = 2**CELL_BITS - 2  # per axis; nodes have about 4 r
 
@@ -140,12 +142,28 @@ def _group_normals(
     return n_groups
 
 
-def _unit(sums: npt.NDArray[np.float64], fallback: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Normalised rows; the fallback's row where the sum has cancelled out."""
-    length = np.linalg.norm(sums, axis=1)
-    good = length > 1e-3
-    unit = np.where(good[:, None], sums / np.where(good, length, 1.0)[:, None], fallback)
-    return unit.astype(np.float32)
+@kernel
+def _unit(
+    sums: npt.NDArray[np.float64], fallback: npt.NDArray[np.float32], of: npt.NDArray[np.int32],
+    out: npt.NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Normalised rows; row ``of[i]`` of the fallback where the sum has cancelled out."""
+    for i in range(len(sums)):
+        length = np.sqrt(sums[i, 0] ** 2 + sums[i, 1] ** 2 + sums[i, 2] ** 2)
+        for axis in range(3):
+            out[i, axis] = sums[i, axis] / length if length > CANCELLED else fallback[of[i], axis]
+
+
+@kernel
+def _sum_cells(
+    sums: npt.NDArray[np.float64], vertex_cell: npt.NDArray[np.int32], whole: npt.NDArray[np.float64],
+    leader: npt.NDArray[np.int32],
+) -> None:  # fmt: skip
+    """Sum of the normals of each cell, and its first clustered vertex."""
+    for v in range(len(sums) - 1, -1, -1):
+        leader[vertex_cell[v]] = v
+        for axis in range(3):
+            whole[vertex_cell[v], axis] += sums[v, axis]
 
 
 def cluster_vertices(
@@ -173,8 +191,9 @@ def cluster_vertices(
     sums, vertex_cell = np.zeros((n, 3)), np.empty(n, np.int32)
     n_vertices = _group_normals(normals, cell, n_cells, vertex, sums, vertex_cell)
     sums, vertex_cell = sums[:n_vertices], vertex_cell[:n_vertices]
-    merged = _unit(sums, np.array([0.0, 0.0, 1.0]))
-    whole, leader = np.zeros((n_cells, 3)), np.zeros(n_cells, np.int32)
-    np.add.at(whole, vertex_cell, sums)
-    leader[vertex_cell[::-1]] = np.arange(n_vertices, dtype=np.int32)[::-1]
-    return Clusters(cell, vertex, moved, centres, _unit(whole, merged[leader]), merged, vertex_cell)
+    merged, whole_normals = np.empty((n_vertices, 3), np.float32), np.empty((n_cells, 3), np.float32)
+    _unit(sums, UPWARD, np.zeros(n_vertices, np.int32), merged)
+    whole, leader = np.zeros((n_cells, 3)), np.empty(n_cells, np.int32)
+    _sum_cells(sums, vertex_cell, whole, leader)
+    _unit(whole, merged, leader, whole_normals)
+    return Clusters(cell, vertex, moved, centres, whole_normals, merged, vertex_cell)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import helper, kernel, leaf
 from nurbs_ooc.hlod.cluster import Clusters
 from nurbs_ooc.hlod.hashing import EMPTY, find_slot, new_table, pair_key
 from nurbs_ooc.hlod.soup import Soup
@@ -95,10 +95,11 @@ def _sort_triangles(
     wants_point: npt.NDArray[np.bool_],
     links: Rows,
     link_moved: Array,
-) -> tuple[int, float]:
+) -> tuple[int, int, float]:
     """Mark the triangles to keep and the cells that want a point; collect those that became a connection.
 
-    Returns the number of connections (rows of ``links`` and their corners' way) and the largest charge.
+    Returns the number of triangles, that of connections (rows of ``links`` and their corners' way) and the
+    largest charge.
     """
     table = new_table(len(triangles))
     kept = np.empty((len(triangles), 3), np.int32)
@@ -122,55 +123,136 @@ def _sort_triangles(
             elif _is_new_triangle(table, kept, a, b, c, n_kept):
                 keep[t] = True
                 n_kept += 1
-    return n_links, charge
+    return n_kept, n_links, charge
 
 
 @kernel
 def _sort_connections(
-    sides: Rows,
-    segments: Rows,
-    segment_moved: Array,
+    triangles: Rows,
+    kept: npt.NDArray[np.bool_],
+    n_kept: int,
+    lines: Rows,
+    cell: Rows,
+    moved: Array,
     links: Rows,
     link_moved: Array,
     centres: Array,
     allowance: float,
     wants_point: npt.NDArray[np.bool_],
-    keep: npt.NDArray[np.bool_],
-) -> float:
-    """Mark the connections (segments, then links; pairs of cells) that become lines; returns the charge.
+    connections: Rows,
+) -> tuple[int, float]:
+    """Collect the connections (boundary lines, then links; pairs of cells) that become lines.
 
-    ``sides``: the kept triangles as cells.
+    Returns their number and the largest charge.
     """
-    n_segments = len(segments)
-    table = new_table(3 * len(sides) + n_segments + len(links))
+    table = new_table(3 * n_kept + len(lines) + len(links))
     used = np.zeros(len(table), np.int32)
-    for t in range(len(sides)):
-        for k in range(3):
-            key = pair_key(sides[t, k], sides[t, (k + 1) % 3])
-            slot = find_slot(table, key)
-            table[slot] = key
-            used[slot] += 1
-    charge = 0.0
-    for i in range(n_segments + len(links)):
-        is_segment = i < n_segments
-        a, b = segments[i] if is_segment else links[i - n_segments]
+    for t in range(len(triangles)):
+        if kept[t]:
+            for k in range(3):
+                key = pair_key(cell[triangles[t, k]], cell[triangles[t, (k + 1) % 3]])
+                slot = find_slot(table, key)
+                table[slot] = key
+                used[slot] += 1
+    n, charge = 0, 0.0
+    for i in range(len(lines) + len(links)):
+        is_line = i < len(lines)
+        if is_line:
+            p, q = lines[i, 0], lines[i, 1]
+            a, b, way = cell[p], cell[q], max(moved[p], moved[q])
+        else:
+            a, b, way = links[i - len(lines), 0], links[i - len(lines), 1], link_moved[i - len(lines)]
         if a == b:
             wants_point[a] = True
             continue
         key = pair_key(a, b)
         slot = find_slot(table, key)
         table[slot] = key
-        if used[slot] >= (2 if is_segment else 1):
+        if used[slot] >= (2 if is_line else 1):
             continue
-        way = segment_moved[i] if is_segment else link_moved[i - n_segments]
         reach = 0.5 * np.sqrt(_square(centres[a], centres[b]))
         if used[slot] == 0 and way + reach <= allowance:
             charge = max(charge, way + reach)
             wants_point[a] = wants_point[b] = True
             continue
-        keep[i] = True
+        connections[n, 0], connections[n, 1] = a, b
+        n += 1
         used[slot] = 2  # once is enough
-    return charge
+    return n, charge
+
+
+@leaf
+def _used(row: int, rank: Rows, source: Rows, n: int) -> int:
+    """Number ``row`` the ``n``-th if it has no number yet; returns how many have one."""
+    if rank[row] < 0:
+        rank[row] = n
+        source[n] = row
+        return n + 1
+    return n
+
+
+@kernel
+def _compact(
+    triangles: Rows,
+    kept: npt.NDArray[np.bool_],
+    vertex: Rows,
+    vertex_cell: Rows,
+    connections: Rows,
+    wants_point: npt.NDArray[np.bool_],
+    new_triangles: Rows,
+    new_lines: Rows,
+    points: Rows,
+    source: Rows,
+) -> tuple[int, int]:
+    """Number the vertices that are used in order of first use; returns their number and that of the points.
+
+    Lines and points take the first vertex of a triangle in their cell. ``source`` gives the clustered vertex
+    of each number, or, counted on from the last of these, the cell that no triangle uses.
+    """
+    n_vertices = len(vertex_cell)
+    rank = np.full(n_vertices + len(wants_point), -1, np.int32)
+    of_cell = np.full(len(wants_point), -1, np.int32)
+    n, t = 0, 0
+    for row in range(len(triangles)):
+        if kept[row]:
+            for k in range(3):
+                v = vertex[triangles[row, k]]
+                n = _used(v, rank, source, n)
+                new_triangles[t, k] = rank[v]
+                wants_point[vertex_cell[v]] = False
+                if of_cell[vertex_cell[v]] < 0:
+                    of_cell[vertex_cell[v]] = v
+            t += 1
+    for i in range(len(connections)):
+        for k in range(2):
+            c = connections[i, k]
+            row = of_cell[c] if of_cell[c] >= 0 else n_vertices + c
+            n = _used(row, rank, source, n)
+            new_lines[i, k] = rank[row]
+            wants_point[c] = False
+    n_points = 0
+    for c in range(len(wants_point)):
+        if wants_point[c]:
+            row = n_vertices + c
+            n = _used(row, rank, source, n)
+            points[n_points] = rank[row]
+            n_points += 1
+    return n, n_points
+
+
+@kernel
+def _gather(
+    source: Rows, clusters_positions: Array, normals: npt.NDArray[np.float32], cell_normals: npt.NDArray[np.float32],
+    vertex_cell: Rows, positions: Array, new_normals: npt.NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Positions and normals of the vertices that are used."""
+    for i in range(len(source)):
+        row = source[i]
+        whole = row >= len(vertex_cell)
+        c = row - len(vertex_cell) if whole else vertex_cell[row]
+        for axis in range(3):
+            positions[i, axis] = clusters_positions[c, axis]
+            new_normals[i, axis] = cell_normals[c, axis] if whole else normals[row, axis]
 
 
 def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float) -> tuple[Soup, float]:
@@ -185,60 +267,30 @@ def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float
     Returns:
         The new soup, its vertices in order of use, and how far (mm) any primitive moved at most.
     """
-    n_cells = len(clusters.positions)
+    n_cells, n_triangles = len(clusters.positions), len(soup.triangles)
     wants_point = np.zeros(n_cells, np.bool_)
     wants_point[clusters.cell[soup.points]] = True
-    keep = np.zeros(len(soup.triangles), np.bool_)
-    links, link_moved = np.empty((len(keep), 2), np.int32), np.empty(len(keep))
-    n_links, charge = _sort_triangles(
-        soup.triangles, clusters.cell, clusters.moved, clusters.positions, small_area, allowance, keep, wants_point,
+    kept = np.zeros(n_triangles, np.bool_)
+    links, link_moved = np.empty((n_triangles, 2), np.int32), np.empty(n_triangles)
+    n_kept, n_links, charge = _sort_triangles(
+        soup.triangles, clusters.cell, clusters.moved, clusters.positions, small_area, allowance, kept, wants_point,
         links, link_moved,
     )  # fmt: skip
-    triangles = soup.triangles[keep]
-    segments, links = clusters.cell[soup.lines], links[:n_links]
-    keep_line = np.zeros(len(segments) + n_links, np.bool_)
-    segment_moved = clusters.moved[soup.lines].max(axis=1, initial=0.0)
-    charge_lines = _sort_connections(
-        clusters.cell[triangles], segments, segment_moved, links, link_moved, clusters.positions, allowance,
-        wants_point, keep_line,
+    connections = np.empty((len(soup.lines) + n_links, 2), np.int32)
+    n_lines, charge_lines = _sort_connections(
+        soup.triangles, kept, n_kept, soup.lines, clusters.cell, clusters.moved, links[:n_links], link_moved,
+        clusters.positions, allowance, wants_point, connections,
     )  # fmt: skip
-    lines = np.concatenate([segments, links])[keep_line]
-    wants_point[clusters.cell[triangles]] = False
-    wants_point[lines] = False
-    result = _compact(clusters, clusters.vertex[triangles], lines, np.flatnonzero(wants_point).astype(np.int32))
-    return result, max(float(clusters.moved.max(initial=0.0)), charge, charge_lines)
-
-
-@kernel
-def _number_by_use(used: Rows, rank: Rows, source: Rows) -> int:
-    """Number rows in order of first use, ``rank`` (filled with -1) by row, ``source`` by number; returns how many."""
-    n = 0
-    for row in used:
-        if rank[row] < 0:
-            rank[row] = n
-            source[n] = row
-            n += 1
-    return n
-
-
-def _compact(clusters: Clusters, triangles: Rows, lines: Rows, points: Rows) -> Soup:
-    """Number the vertices that are used; lines and points reuse a triangle's vertex of their cell."""
-    n_vertices, n_cells = len(clusters.vertex_cell), len(clusters.positions)
-    # Rows after those of clustered vertices stand for cells that no triangle uses.
-    of_cell = np.arange(n_vertices, n_vertices + n_cells, dtype=np.int32)
-    corners = triangles.reshape(-1)
-    of_cell[clusters.vertex_cell[corners[::-1]]] = corners[::-1]
-    used = np.concatenate([corners, of_cell[lines.reshape(-1)], of_cell[points]])
-    rank, source = np.full(n_vertices + n_cells, -1, np.int32), np.empty(n_vertices + n_cells, np.int32)
-    source = source[: _number_by_use(used, rank, source)]
-    rows = rank[used]
-    cells = np.concatenate([clusters.vertex_cell, np.arange(n_cells, dtype=np.int32)])
-    normals = np.concatenate([clusters.normals, clusters.cell_normals])
-    n, m = corners.size, corners.size + lines.size
-    return Soup(
-        clusters.positions[cells[source]],
-        normals[source],
-        rows[:n].reshape(-1, 3),
-        rows[n:m].reshape(-1, 2),
-        rows[m:],
-    )
+    triangles, lines = np.empty((n_kept, 3), np.int32), np.empty((n_lines, 2), np.int32)
+    points, source = np.empty(n_cells, np.int32), np.empty(len(clusters.vertex_cell) + n_cells, np.int32)
+    n, n_points = _compact(
+        soup.triangles, kept, clusters.vertex, clusters.vertex_cell, connections[:n_lines], wants_point,
+        triangles, lines, points, source,
+    )  # fmt: skip
+    positions, normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
+    _gather(
+        source[:n], clusters.positions, clusters.normals, clusters.cell_normals, clusters.vertex_cell,
+        positions, normals,
+    )  # fmt: skip
+    moved = max(float(clusters.moved.max(initial=0.0)), charge, charge_lines)
+    return Soup(positions, normals, triangles, lines, points[:n_points]), moved

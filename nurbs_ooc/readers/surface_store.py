@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from nurbs_cache.scene_record import Material, Product
 from nurbs_cache.store import Store
+from nurbs_cache.typed_store import READ_AT_ONCE
 from nurbs_ooc.readers.assembly import Part
 
 DATA_FILE = "data.mdb"
@@ -58,5 +59,11 @@ class SurfaceStoreReader:
 
     def parts(self) -> Iterator[Part]:
         """The parts in index order, each loaded when it is asked for."""
+        n_bytes = 0
         for index, info in enumerate(self._infos):
-            yield Part(index, info, self._store.get_part(index))
+            geometry = self._store.get_part(index)
+            n_bytes += geometry.values.nbytes
+            if n_bytes > READ_AT_ONCE:
+                self._store.release_pages()
+                n_bytes = 0
+            yield Part(index, info, geometry)

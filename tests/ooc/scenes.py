@@ -72,6 +72,9 @@ class _Quiet:
     def advance(self, n: float = 1) -> None:
         pass
 
+    def set_total(self, total: float) -> None:
+        pass
+
 
 def run_build(source: Path | list[Path], cache: Path, **options: Any) -> dict[str, float]:
     watch = Stopwatch()

@@ -16,10 +16,10 @@ from nurbs_cache.surface_record import SurfaceKind
 from nurbs_cache.tile import decode_tile
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.face_report import reason_counts
+from nurbs_ooc.build.forest import Forest
 from nurbs_ooc.build.on_demand import build_node_tile
 from nurbs_ooc.build.report import contents
 from nurbs_ooc.build.target import partial_path
-from nurbs_ooc.build.tile_stage import Forest, batches
 from nurbs_ooc.geometry.surface import evaluate
 from tests.ooc.distances import samples_of, to_drawn
 from tests.ooc.scenes import ball, hash_of, peg_board, run_build, write_scene
@@ -191,19 +191,20 @@ def test_scene_without_surfaces(tmp_path: Path) -> None:
         assert contents(store)["nodes"] == 0
 
 
-def test_batches_are_bounded_and_do_not_change_the_tiles(
+def test_jobs_are_bounded_and_do_not_change_the_tiles(
     source: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tunables, "SURFACES_PER_BATCH", 10)
+    monkeypatch.setattr(tunables, "MESHES_PER_JOB", 10)
+    monkeypatch.setattr(tunables, "SURFACES_PER_RUN", 3)
     with Store.open(built) as store:
         forest = Forest.load(store)
         rows = np.arange(len(forest.nodes))
-        parts = list(batches(forest, rows))
-        assert sorted(np.concatenate(parts).tolist()) == rows.tolist()
-        levels = [forest.nodes["level"][part] for part in parts]
+        jobs = list(forest.jobs(rows))
+        assert sorted(np.concatenate(jobs).tolist()) == rows.tolist()
+        levels = [forest.nodes["level"][job] for job in jobs]
         assert all(len(set(level.tolist())) == 1 for level in levels)
         assert [level[0] for level in levels] == sorted((level[0] for level in levels), reverse=True)
-        assert len(parts) > len({int(level[0]) for level in levels})
+        assert len(jobs) > len({int(level[0]) for level in levels})
     run_build(source, tmp_path / "small")
     assert hash_of(tmp_path / "small") == hash_of(built)
 

@@ -181,10 +181,19 @@ def test_vertices_far_outside_the_grid_do_not_overflow_it() -> None:
 
 
 def test_budget_adds_up_to_the_error() -> None:
-    budget = NodeBudget.of_level(3, Shares(tessellation_levels=1, quantisation=0.01, point_diagonal=1.0))
+    budget = NodeBudget.of_level(
+        3, Shares(tessellation_levels=1, quantisation=0.01, point_diagonal=1.0, coarsest_mesh=4)
+    )
     assert budget.error == 8.0
     assert 2.0**budget.tessellation_level + budget.allowance + 0.01 * 8 == pytest.approx(8.0)
     assert budget.cell * np.sqrt(3) / 2 == pytest.approx(budget.allowance)
     assert budget.small_area == 3 * 16.0**2
     scales = np.array([1.0, 1.0 + 1e-12, 2.0, 0.5, 1.5])
-    assert budget.surface_levels(scales).tolist() == [2, 2, 1, 3, 1]
+    assert budget.surface_levels(np.full(5, 1000.0), scales).tolist() == [2, 2, 1, 3, 1]
+
+
+def test_small_surfaces_share_one_mesh_among_coarse_levels() -> None:
+    shares = Shares(tessellation_levels=1, quantisation=0.01, point_diagonal=1.0, coarsest_mesh=4)
+    diagonals, ones = np.array([63.9, 64.0, 65.0, 1000.0]), np.ones(4)
+    levels = {level: NodeBudget.of_level(level, shares).surface_levels(diagonals, ones).tolist() for level in (2, 3, 5)}
+    assert levels == {2: [1, 1, 1, 1], 3: [1, 2, 2, 2], 5: [1, 2, 2, 4]}

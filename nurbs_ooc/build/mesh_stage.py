@@ -1,0 +1,115 @@
+"""Stage 4: every mesh that a node needs, run by run of surfaces, to files.
+
+Each part is read once and tessellated at all its levels in a row; however many nodes and placements show
+a surface at a level, its mesh is made once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.errors import CorruptRecordError
+from nurbs_cache.typed_store import TypedStore
+from nurbs_ooc.build.crew import Crew
+from nurbs_ooc.build.face_report import add_to_report, worst_rows
+from nurbs_ooc.build.fragments import checked_slots, write_fragments
+from nurbs_ooc.build.mesh_demand import SURFACE_MASK, Keys, MeshDemand, key_surfaces
+from nurbs_ooc.build.surface_meshes import mesh_part
+from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun
+from nurbs_ooc.build.workshop import Bench, Workshop
+from nurbs_ooc.hlod.mesh_pool import MeshPool
+
+
+class MeshJob(NamedTuple):
+    """The meshes of a run.
+
+    Attributes:
+        run: its number.
+        keys: mesh keys to make, ascending.
+        demanded: all keys of the run's parts that any node needs, ascending.
+    """
+
+    run: int
+    keys: Keys
+    demanded: Keys
+
+
+def mesh_jobs(runs: Sequence[SurfaceRun], missing: MeshDemand, demand: MeshDemand) -> list[MeshJob]:
+    """Share out the missing meshes among the runs; runs that need none are left out."""
+    jobs = []
+    for number, run in enumerate(runs):
+        keys = missing.of_surfaces(run.first_surface, run.n_surfaces)
+        if len(keys):
+            first, last = run.slices[0].first_of_part, run.slices[-1].first_of_part + run.slices[-1].n_part
+            jobs.append(MeshJob(number, keys, demand.of_surfaces(first, last - first)))
+    return jobs
+
+
+def mesh_run(bench: Bench, job: MeshJob) -> npt.NDArray[np.void]:
+    """Make the file of a run if it is not there yet.
+
+    Returns:
+        ``FACE_REPORT_DTYPE`` rows: how its surfaces came through.
+    """
+    run = bench.runs[job.run]
+    path = bench.shelf.path_of(run)
+    slots = _left_from_before(path, job.keys)
+    if slots is None:
+        pools = [pool for piece in run.slices for pool in _mesh_slice(bench.store, piece, job)]
+        pools.sort(key=lambda pool: int(pool.slots["key"][0]))
+        slots = write_fragments(path, pools)
+        bench.rest()
+    return worst_rows(slots["key"] & SURFACE_MASK, slots["status"], slots["reason"], slots["errors"].sum(axis=1))
+
+
+def _left_from_before(path: Path, keys: Keys) -> npt.NDArray[np.void] | None:
+    """The slots of a file that a former build has left, if it is whole and has all ``keys``."""
+    if not path.exists():
+        return None
+    try:
+        slots = checked_slots(path)
+    except CorruptRecordError:
+        return None
+    return slots if np.isin(keys, slots["key"]).all() else None
+
+
+def _mesh_slice(store: TypedStore, piece: PartSlice, job: MeshJob) -> list[MeshPool]:
+    """The meshes of a slice that the job asks for, one pool a level."""
+    own = _among(job.keys, piece.first_surface, piece.n_surfaces)
+    if not len(own):
+        return []
+    demanded = _among(job.demanded, piece.first_of_part, piece.n_part)
+    return mesh_part(store.get_part(piece.part), piece.first_of_part, own, demanded)
+
+
+def _among(keys: Keys, first_surface: int, count: int) -> Keys:
+    surfaces = key_surfaces(keys)
+    return keys[(surfaces >= first_surface) & (surfaces < first_surface + count)]
+
+
+def mesh_surfaces_of_runs(
+    store: TypedStore, crew: Crew, shop: Workshop, runs: Sequence[SurfaceRun], missing: MeshDemand,
+    demand: MeshDemand, advance: Callable[[int], None],
+) -> None:  # fmt: skip
+    """Have all missing meshes made, and the face report brought up to date.
+
+    Args:
+        store: the report is written to it.
+        crew: does the work.
+        shop: where the files go.
+        runs: of all surfaces.
+        missing: what the nodes need that are built now.
+        demand: what all nodes need.
+        advance: told how many meshes were made.
+    """
+    jobs = mesh_jobs(runs, missing, demand)
+    reports = []
+    for job, report in zip(jobs, crew.run(mesh_run, shop, jobs), strict=True):
+        reports.append(report)
+        advance(len(job.keys))
+    add_to_report(store, reports)
