@@ -8,6 +8,7 @@ where the project is installed or when its files were written.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import os
@@ -22,7 +23,10 @@ from typing import Any, ParamSpec, Self, TypeVar, cast
 import llvmlite.binding
 import numba
 import numpy as np
+from numba.core import event
 from numba.core.caching import _CacheLocator
+
+from nurbs_cache.compile_notice import compiling
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,6 +35,20 @@ UNUSED_DAYS = 30  # kernels that no run has looked at for so long are removed
 # What a ``leaf`` may return: nothing that could be an array or hold one.
 _SCALARS = re.compile(r"(None|int|float|bool|tuple\[(int|float|bool)(, (int|float|bool))*\])")
 _IMPORT = re.compile(rb"^\s*(?:from|import)\s+(nurbs_\w+(?:\.\w+)*)(?:\s+import\s+([^\n(#]+))?", re.MULTILINE)
+
+
+class _Notice(event.Listener):  # type: ignore[misc]
+    """Hears of every kernel that is compiled; loading one from disk makes no such event."""
+
+    def on_start(self, _event: Any) -> None:
+        """Before."""
+        compiling()
+
+    def on_end(self, _event: Any) -> None:
+        """After."""
+
+
+event.register("numba:compile", _Notice())
 
 
 def kernel_cache_base() -> Path:
@@ -104,6 +122,22 @@ class DigestLocator(_CacheLocator):  # type: ignore[misc]
     def get_disambiguator(self) -> str:
         """Tells functions of the same name apart."""
         return self._module
+
+
+def ran_before(module_path: str) -> bool:
+    """Whether a source file's code has run to its end here before, so that its kernels need not be compiled."""
+    return _mark(module_path).exists()
+
+
+def note_run(module_path: str) -> None:
+    """Remember that for ``ran_before``; where the cache folder cannot be written nothing happens."""
+    with contextlib.suppress(OSError):
+        _mark(module_path).parent.mkdir(parents=True, exist_ok=True)
+        _mark(module_path).touch()
+
+
+def _mark(module_path: str) -> Path:
+    return kernel_cache_base() / source_digest(module_path) / "ran"
 
 
 def drop_unused_kernels() -> None:

@@ -14,6 +14,7 @@ process's: it kills the workers, who have nothing to finish, for whatever they w
 from __future__ import annotations
 
 import contextlib
+import inspect
 import os
 import socket
 import subprocess
@@ -23,7 +24,9 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any, Self, TypeVar, cast
 
+from nurbs_cache.compile_notice import compiling
 from nurbs_cache.errors import WorkerDiedError
+from nurbs_cache.jit import note_run, ran_before
 from nurbs_ooc.build.workshop import Bench, Workshop
 
 J = TypeVar("J")
@@ -98,10 +101,17 @@ class ProcessCrew:
     def run(self, task: Callable[[Bench, J], R], shop: Workshop, jobs: Iterable[J]) -> Iterator[R]:
         """See ``Crew``."""
         numbered = enumerate(jobs)
+        module = inspect.getfile(task)
+        # Nobody compiles what another worker is compiling: then the first job goes ahead.
+        alone = not ran_before(module)
+        if alone:
+            compiling()
         held: dict[int, R] = {}  # results that came before their turn
         n_sent, n_yielded, exhausted = 0, 0, False
         while True:
             for worker in sorted(self._workers, key=lambda w: w.n_jobs) * AHEAD:
+                if alone and n_sent:
+                    break
                 if exhausted or worker.n_jobs >= AHEAD or n_sent - n_yielded >= UNORDERED * self.n_workers:
                     continue
                 number, job = next(numbered, (-1, None))
@@ -118,6 +128,9 @@ class ProcessCrew:
                     if error is not None:
                         raise error
                     held[number] = cast("R", result)
+                    if alone:
+                        alone = False
+                        note_run(module)
             while n_yielded in held:
                 yield held.pop(n_yielded)
                 n_yielded += 1

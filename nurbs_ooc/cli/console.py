@@ -18,6 +18,7 @@ from typing import Any, NoReturn, ParamSpec, Protocol, TypeVar, overload
 
 import numpy as np
 
+from nurbs_cache.compile_notice import on_first_compile
 from nurbs_cache.errors import NurbsOocError
 from nurbs_ooc.export.atomic_file import atomic_file
 
@@ -48,6 +49,8 @@ def run_command(
 def _guarded(body: Callable[P, R], resume: str) -> Callable[P, R]:
     @functools.wraps(body)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
+        if sys.stderr.isatty():
+            on_first_compile(_say_compiling)
         try:
             return body(*args, **kwargs)
         except NurbsOocError as error:
@@ -61,6 +64,11 @@ def _guarded(body: Callable[P, R], resume: str) -> Callable[P, R]:
             _fail(f"stopped by Ctrl-C; {resume}", EXIT_INTERRUPTED)
 
     return guarded
+
+
+def _say_compiling() -> None:
+    sys.stderr.write("compiling kernels: once after an install or update, about a minute and a half\n")
+    sys.stderr.flush()
 
 
 def _fail(message: str, code: int) -> NoReturn:

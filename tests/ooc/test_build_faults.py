@@ -242,3 +242,21 @@ def test_a_dead_worker_is_reported(source: Path, tmp_path: Path) -> None:
 def test_results_come_in_the_order_of_the_jobs(source: Path, tmp_path: Path) -> None:
     with ProcessCrew(2) as crew:
         assert list(crew.run(die, Workshop(source, tmp_path, "zstd"), range(4, 40))) == list(range(4, 40))
+
+
+def clocked(bench: Bench, job: int) -> tuple[float, float]:
+    start = time.monotonic()
+    time.sleep(0.5)
+    return start, time.monotonic()
+
+
+def test_the_first_job_goes_ahead_where_kernels_must_be_compiled(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NURBS_OOC_KERNEL_CACHE", str(tmp_path / "kernels"))
+    shop = Workshop(source, tmp_path, "zstd")
+    with ProcessCrew(2) as crew:
+        first, *others = crew.run(clocked, shop, range(4))
+        assert all(start >= first[1] for start, _ in others)
+        first, second, *_ = crew.run(clocked, shop, range(4))
+        assert second[0] < first[1]
