@@ -176,11 +176,13 @@ def vanishing_partials(g: Tables, row: int, d: Floats) -> tuple[bool, bool]:
     Partials count times the size of the used domain, so the answer does not depend on the parameters' unit.
     """
     s = g.surfaces[row]
-    place = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    along_u = math.sqrt(d[3] * d[3] + d[4] * d[4] + d[5] * d[5]) * (s.u1 - s.u0)
-    along_v = math.sqrt(d[6] * d[6] + d[7] * d[7] + d[8] * d[8]) * (s.v1 - s.v0)
-    roundoff = VANISHING * place
-    return along_u <= max(roundoff, POLE_SINE * along_v), along_v <= max(roundoff, POLE_SINE * along_u)
+    size_u, size_v = s.u1 - s.u0, s.v1 - s.v0
+    # Squares throughout.
+    roundoff = VANISHING * VANISHING * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    along_u = (d[3] * d[3] + d[4] * d[4] + d[5] * d[5]) * size_u * size_u
+    along_v = (d[6] * d[6] + d[7] * d[7] + d[8] * d[8]) * size_v * size_v
+    sine = POLE_SINE * POLE_SINE
+    return along_u <= max(roundoff, sine * along_v), along_v <= max(roundoff, sine * along_u)
 
 
 @leaf
@@ -188,13 +190,6 @@ def normal_of(g: Tables, row: int, d: Floats, out: Floats) -> bool:
     """Write the unit vector of S_u x S_v to ``out`` (3,), from S, S_u, S_v in ``d`` (9,); False at a pole."""
     no_u, no_v = vanishing_partials(g, row, d)
     return not no_u and not no_v and unit_cross(d, out)
-
-
-@leaf
-def is_pole(g: Tables, row: int, d: Floats) -> bool:
-    """Whether S, S_u, S_v in ``d`` (9,) give no normal: a partial vanishes, or they are parallel."""
-    normal = local_line(3)
-    return not normal_of(g, row, d, normal)
 
 
 @leaf
@@ -222,16 +217,17 @@ def _limit_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, out:
 def surface_normal(g: Tables, row: int, u: float, v: float, scratch: Floats, d: Floats, out: Floats) -> bool:
     """Write the unit normal to the outside; at a pole the limit from inside the domain.
 
-    ``d`` (>= 12) holds S, S_u, S_v at (u, v) on entry and is kept. Returns False (and writes the z
-    axis) where no direction exists even nearby.
+    ``d`` (>= 12) holds S, S_u, S_v at (u, v) on entry and is kept. Where no direction exists even nearby
+    the z axis is written. Returns whether the surface has a normal of its own there: False at a pole.
     """
-    if not normal_of(g, row, d, out) and not _limit_normal(g, row, u, v, scratch, out):
+    own = normal_of(g, row, d, out)
+    if not own and not _limit_normal(g, row, u, v, scratch, out):
         out[0], out[1], out[2] = 0.0, 0.0, 1.0
         return False
     if g.surfaces[row].reversed:
         for k in range(3):
             out[k] = -out[k]
-    return True
+    return own
 
 
 @kernel

@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line
-from nurbs_ooc.bounds.pieces import N_U, Pieces
-from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
+from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.corner_normals import crease_normal, on_crease, pole_normal
+from nurbs_ooc.tessellation.corner_normals import any_crease, crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_POINTS, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
@@ -97,27 +97,30 @@ def _same_place(o: Output, a: int, b: int) -> bool:
 
 
 @leaf
-def _normals_at(p: Pieces, row: int, f: Frame, uv: Floats, pole: bool) -> int:
+def _normals_at(p: Pieces, row: int, f: Frame, uv: Floats, pole: bool, creased: bool) -> int:
     """ONE, or why a point has several normals."""
     if pole:
         return POLE
-    return CREASE if p.table[row, N_U] > 0 and on_crease(p, row, f, uv[0], uv[1]) else ONE
+    return CREASE if creased and on_crease(p, row, f, uv[0], uv[1]) else ONE
 
 
 @leaf
-def _put_boundary(p: Pieces, row: int, b: Boundary, point: Ints, f: Frame, o: Output, at: Ints, kind: Flags) -> None:
+def _put_boundary(
+    p: Pieces, row: int, b: Boundary, point: Ints, f: Frame, creased: bool, o: Output, at: Ints, kind: Flags
+) -> None:
     """Vertices of the boundary points, one per lattice point: their numbers to ``at``, ``_normals_at`` to ``kind``."""
     for i in range(len(point)):
         c = point[i]
         if c >= 0 and at[c] < 0:
             at[c] = _put_vertex(o, b.position[i], b.normal[i], b.uv[i, 0], b.uv[i, 1])
-            kind[c] = _normals_at(p, row, f, o.uv[at[c]], b.pole[i] != 0)
+            kind[c] = _normals_at(p, row, f, o.uv[at[c]], b.pole[i] != 0, creased)
 
 
 @leaf
 def _put_inner(
-    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, o: Output, at: Ints, kind: Flags
-) -> int:
+    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, creased: bool, o: Output, at: Ints,
+    kind: Flags,
+) -> int:  # fmt: skip
     """Vertices of the other points in use; how many corners of triangles may want a normal of their own."""
     place = local_line(12)
     normal = local_line(3)
@@ -130,9 +133,9 @@ def _put_inner(
             if at[c] < 0:
                 u, v = f.u0 + t.points[c, 0] * f.du, f.v0 + t.points[c, 1] * f.dv
                 surface_point(g, row, u, v, scratch, place)
-                surface_normal(g, row, u, v, scratch, place, normal)
+                own = surface_normal(g, row, u, v, scratch, place, normal)
                 at[c] = _put_vertex(o, place, normal, u, v)
-                kind[c] = _normals_at(p, row, f, o.uv[at[c]], is_pole(g, row, place))
+                kind[c] = _normals_at(p, row, f, o.uv[at[c]], not own, creased)
             if kind[c] != ONE:
                 corners += 1
     return corners
@@ -214,8 +217,9 @@ def emit_face(
     o = _with_room(o, total + n, t.n[N_TRIANGLES], n)
     at = np.full(total, -1, dtype=np.int64)
     kind = np.zeros(total, dtype=np.uint8)
-    _put_boundary(p, row, b, point, f, o, at, kind)
-    several = _put_inner(g, p, row, t, f, scratch, o, at, kind)
+    creased = any_crease(p, row)
+    _put_boundary(p, row, b, point, f, creased, o, at, kind)
+    several = _put_inner(g, p, row, t, f, scratch, creased, o, at, kind)
     o = _with_room(o, several, 0, 0)
     following = np.full(o.n[0] - first + several if several > 0 else 0, UNUSED, dtype=np.int64)
     corners = np.empty(3, dtype=np.int64)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.predicates import LATTICE
-from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
+from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.edges import EdgeSamples
 
@@ -86,8 +86,7 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
                 if i == high - low - 1:
                     # The next coedge gives this point; here only the gap at its end counts.
                     break
-                surface_normal(g, row, u, v, scratch, point, normal[at])
-                pole[at] = 1 if is_pole(g, row, point) else 0
+                pole[at] = 0 if surface_normal(g, row, u, v, scratch, point, normal[at]) else 1
                 uv[at, 0], uv[at, 1] = u, v
                 for d in range(3):
                     position[at, d] = samples.position[k, d]

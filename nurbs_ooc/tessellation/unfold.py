@@ -24,7 +24,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import helper, leaf
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import orient
-from nurbs_ooc.geometry.surface import is_pole, surface_normal, surface_point
+from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.cells import Cells
 from nurbs_ooc.tessellation.deviation import Check, Frame, points_bound
@@ -69,11 +69,10 @@ def _evaluate(
         if k >= 0:
             u, v = b.uv[k, 0], b.uv[k, 1]
         surface_point(g, row, u, v, scratch, at)
-        if not is_pole(g, row, at):
-            surface_normal(g, row, u, v, scratch, at, normal[i])
+        known = 1.0 if surface_normal(g, row, u, v, scratch, at, normal[i]) else 0.0
         for m in range(3):
             place[i, m] = b.position[k, m] if k >= 0 else at[m]
-            normal[i, m] *= sign
+            normal[i, m] *= sign * known
 
 
 @leaf

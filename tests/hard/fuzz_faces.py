@@ -26,7 +26,6 @@ ERROR = 0.2  # mm, the chord error that is asked for
 HIGHEST_DEGREE = 15
 WEIGHT_DECADES = 4.0  # wild weights are 10^-4 .. 10^4
 EDGE_NODES = 33
-WILD = ", wild weights"  # in the name of a face whose weights are up to eight decades apart
 CROSSING = ", crossing"  # in the name of a face one of whose loops crosses itself
 
 
@@ -128,7 +127,7 @@ def _surface(rng: np.random.Generator, kinds: Kinds) -> tuple[SurfaceForm, str]:
         weights = 10.0 ** rng.uniform(-decades, decades, (n_u, n_v))
         if "closed" in name:
             weights[:, -1] = weights[:, 0]
-        name += WILD if wild else ", rational"
+        name += ", wild weights" if wild else ", rational"
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     return SurfaceForm.nurbs(p, q, knots_u, knots_v, points @ turn + 100.0 * rng.normal(size=3), weights), name
 
