@@ -28,6 +28,7 @@ from nurbs_ooc.build import tunables
 from nurbs_ooc.build.box_stage import box_surfaces
 from nurbs_ooc.build.codec_choice import DEFAULT_CODEC, codec_plan
 from nurbs_ooc.build.crew import Crew, SoloCrew
+from nurbs_ooc.build.dask_crew import DaskCrew
 from nurbs_ooc.build.error_order import order_errors
 from nurbs_ooc.build.fingerprint import fingerprint
 from nurbs_ooc.build.forest import Forest
@@ -77,6 +78,7 @@ class BuildOptions:
         force: replace what is there.
         codec: entropy coder of the tiles, "zstd" or "huffman".
         memory: bytes for all processes together.
+        dask: address of a Dask scheduler whose workers do the work instead; they are outside ``memory``.
     """
 
     levels: Levels = "all"
@@ -85,6 +87,12 @@ class BuildOptions:
     force: bool = False
     codec: str = DEFAULT_CODEC
     memory: int = DEFAULT_MEMORY
+    dask: str | None = None
+
+    @property
+    def local_workers(self) -> int:
+        """Workers that share this machine's memory with the builder."""
+        return 1 if self.dask else self.workers
 
 
 def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: ProgressBars, watch: Watch) -> None:
@@ -101,21 +109,21 @@ def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: 
         UsageError, InputFileError, CacheError: one line each; nothing is half-written.
     """
     _check(inputs, cache)
-    check_memory(options.memory, options.workers)
+    check_memory(options.memory, options.local_workers)
     return_freed_memory()
     with (
         _crew(options) as crew,
         open_target(cache, _plan(inputs, options.codec), resume=options.resume, force=options.force) as store,
         spill_folder(cache, fresh=not options.resume) as spill,
     ):
-        shop = Workshop(store.path, spill, options.codec)
+        shop = Workshop(store.path.resolve(), spill.resolve(), options.codec)
         with watch.stage("read"), progress("reading surfaces", None) as bar:
             read_inputs(inputs, store, bar.advance)
         if not store.n_items():
             plant(store, crew, shop, progress, watch)
         with watch.stage("tables"):
             forest = Forest.load(store)
-            check_tables(options.memory, options.workers, forest)
+            check_tables(options.memory, options.local_workers, forest)
             missing = missing_tiles(forest.nodes, options.levels)
             demand = forest.demand
             wanted = demand if len(missing) == len(forest.nodes) else forest.demand_of(missing)
@@ -129,6 +137,8 @@ def build(inputs: Sequence[Path], cache: Path, options: BuildOptions, progress: 
 
 
 def _crew(options: BuildOptions) -> Crew:
+    if options.dask:
+        return DaskCrew(options.dask)
     return SoloCrew() if options.workers == 1 else ProcessCrew(options.workers)
 
 

@@ -26,8 +26,8 @@ SHARES = Shares(tessellation_levels=1, quantisation=2.0**-STEP_LEVELS, point_dia
 """How a node's budget is shared: half for the tessellation, 1/64 for quantisation, the rest for clustering.
 
 A surface with a box diagonal of one budget becomes a point at a cost of half a budget, the tessellation's.
-Meshes are no coarser than a sixteenth of the diagonal: a surface of up to eight pixels has one mesh for all nodes that
-show it so small, whose vertices clustering merges anyway. That makes 3 % more bytes and a third fewer meshes.
+Meshes are no coarser than a sixteenth of the diagonal: a surface of up to four pixels has one mesh for all nodes that
+show it so small, whose vertices clustering merges anyway. That makes 3 % more bytes and 15 % fewer meshes.
 """
 
 SURFACES_PER_RUN = 512

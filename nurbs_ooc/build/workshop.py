@@ -5,7 +5,8 @@ A ``Workshop`` is small and can be sent to another process; a ``Bench`` is one p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import uuid
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -27,11 +28,13 @@ class Workshop:
         store: folder of the store that is being built; workers only read it.
         spill: folder of the intermediate files.
         codec: entropy coder of the tiles.
+        build: a name that no other build has, so that a worker that stays does not go on with an older store.
     """
 
     store: Path
     spill: Path
     codec: str
+    build: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
 class Bench:

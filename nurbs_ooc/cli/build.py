@@ -37,6 +37,11 @@ from nurbs_ooc.cli.console import Console, Stopwatch, peak_rss_mib, run_command,
     help="For all processes together; a budget that is too small for the workers or the model is refused.",
 )
 @click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Scheduler of a Dask cluster whose workers (one thread each, sharing this file system) do the work.",
+)
+@click.option(
     "--codec",
     type=click.Choice(["zstd", "huffman"]),
     default="zstd",
@@ -54,6 +59,7 @@ def command(
     levels: str,
     workers: int,
     memory: int,
+    dask: str | None,
     codec: str,
     resume: bool,
     force: bool,
@@ -70,7 +76,7 @@ def command(
     from nurbs_ooc.build.report import contents
 
     console, watch = Console(as_json), Stopwatch()
-    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force, codec, memory)
+    options = BuildOptions("root" if levels == "root" else "all", workers, resume, force, codec, memory, dask)
     build(inputs, cache, options, console.progress, watch)
     with Store.open(cache) as store:
         result = {"output": str(cache), **contents(store)}
