@@ -89,14 +89,14 @@ def bench_peer(folder: Path, n_faces: int) -> dict[str, Any]:
 
 
 def plot(rows: list[dict[str, Any]], path: Path) -> None:
-    """Time, memory and bytes against the number of surfaces, both axes logarithmic."""
+    """Time, memory and bytes against the number of surfaces; bytes and time logarithmic."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 3, figsize=(13, 4), constrained_layout=True)
-    columns = [("wall_s", "seconds", 1.0), ("peak_rss_mib", "peak memory of all processes, MiB", 1.0),
+    columns = [("cpu_s", "processor time of all processes, s", 1.0), ("peak_pss_mib", "peak memory, MiB", 1.0),
                ("bytes", "cache, MiB", 2.0**-20)]  # fmt: skip
     for axis, (name, label, factor) in zip(axes, columns, strict=True):
         for model in sorted({row["model"] for row in rows}):
@@ -105,9 +105,11 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
         axis.set(xscale="log", yscale="log", xlabel="placed surfaces", ylabel=label)
         axis.grid(visible=True, which="both", alpha=0.25)
     low, high = min(row["placed_surfaces"] for row in rows), max(row["placed_surfaces"] for row in rows)
-    first = min(rows, key=lambda row: row["placed_surfaces"])
-    axes[0].plot([low, high], [first["wall_s"], first["wall_s"] * high / low], "k:", label="linear")
-    axes[1].set_ylim(bottom=100)
+    each = max(rows, key=lambda row: row["surfaces"])
+    ends = [low * each["cpu_s"] / each["surfaces"], high * each["cpu_s"] / each["surfaces"]]
+    axes[0].plot([low, high], ends, "k:", label="linear")
+    axes[1].set_yscale("linear")
+    axes[1].set_ylim(bottom=0)
     axes[0].legend(fontsize=8)
     figure.savefig(path, dpi=110)
     plt.close(figure)
@@ -116,20 +118,24 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 def table(rows: list[dict[str, Any]], peer: dict[str, Any] | None) -> str:
     """The rows as Markdown."""
     head = ["model", "surfaces placed", "stored", *(f"{stage} s" for stage in STAGES), "total s", "CPU s", "goal s",
-            "paper 2004 s", "peak MiB", "spill MiB", "nodes", "tiles MiB", "cache MiB"]  # fmt: skip
+            "paper 2004 s", "peak MiB: PSS, RSS", "spill MiB", "nodes", "tiles MiB", "cache MiB"]  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|---|" + "--:|" * (len(head) - 1)]
     for row in sorted(rows, key=lambda row: (row["placed_surfaces"], row["model"])):
         full = row["model"] if row["full_size"] else ""
         goal, paper = GOALS.get(full, ("",))[0], PAPER_S.get(full.removesuffix(UNSHARED), "")
         cells = [row["model"], row["placed_surfaces"], row["surfaces"],
                  *(f"{row['seconds'].get(stage, 0.0):.1f}" for stage in STAGES),
-                 f"**{row['wall_s']:.1f}**", f"{row['cpu_s']:.0f}", goal, paper, f"{row['peak_rss_mib']:.0f}",
+                 f"**{row['wall_s']:.1f}**", f"{row['cpu_s']:.0f}", goal, paper,
+                 f"{row['peak_pss_mib'] or 0:.0f}, {row['peak_rss_mib']:.0f}",
                  f"{row['peak_disk_mib']:.0f}", row["nodes"], f"{row['tile_bytes'] / 2**20:.0f}",
                  f"{row['bytes'] / 2**20:.0f}"]  # fmt: skip
         lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
     text = "\n".join(lines)
     if rows:
-        text += f"\n\nMachine: {rows[-1]['machine']}, {rows[-1]['workers']} workers."
+        load = max(row["load_before"] for row in rows)
+        text += (
+            f"\n\nMachine: {rows[-1]['machine']}, {rows[-1]['workers']} workers; load before builds: up to {load:.1f}."
+        )
     if peer:
         text += (
             f"\n\nOpen CASCADE's mesher took {peer['cpu_s']:.1f} s of processor time for {peer['faces']} faces of the "

@@ -145,7 +145,7 @@ def test_killed_again_and_again(source: Path, undisturbed: str, tmp_path: Path) 
             break
         assert result.returncode == -signal.SIGKILL, result.stderr
         kills += 1
-    assert kills > 3
+    assert kills > 2  # of eight transactions
     assert hash_of(cache) == undisturbed
 
 
