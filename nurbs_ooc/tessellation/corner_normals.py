@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
-from nurbs_ooc.bounds.creases import JUMP, MAX_STRIP, REACH, VALUE
+from nurbs_ooc.bounds.creases import HIDDEN, JUMP, REACH, VALUE
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, find_break
 from nurbs_ooc.geometry.surface import POLE_STEPS, normal_of, surface_normal, surface_point, vanishing_partials
 from nurbs_ooc.geometry.tables import Tables
@@ -40,10 +40,15 @@ def _crease_at(p: Pieces, row: int, along_u: bool, t: float, step: float) -> int
     if n < 2:
         return -1
     i = find_break(p, at, n, t)
-    for k in range(max(1, i - MAX_STRIP), min(n, i + 2)):
-        b = p.breaks[at + k]
-        if b[JUMP] > 0.0 and b[VALUE] - step <= t <= b[VALUE] + b[REACH] + step:
-            return int(at + k)
+    # The crease that begins last before t, whose strip may hide further breaks, or the one right after t.
+    low = i
+    while low > 0 and p.breaks[at + low, HIDDEN] > 0.0:
+        low -= 1
+    for k in (low, i + 1):
+        if 0 < k < n and p.breaks[at + k, JUMP] > 0.0:
+            b = p.breaks[at + k]
+            if b[VALUE] - step <= t <= b[VALUE] + b[REACH] + step:
+                return int(at + k)
     return -1
 
 

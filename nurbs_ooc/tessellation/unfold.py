@@ -17,6 +17,7 @@ an edge of a folded triangle is flipped where neither new triangle is folded and
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +33,6 @@ from nurbs_ooc.tessellation.triangulate import (
     ADJACENT,
     FIXED,
     INSIDE,
-    N_OUTER,
     N_POINTS,
     N_TRIANGLES,
     Triangulation,
@@ -43,9 +43,21 @@ from nurbs_ooc.tessellation.trimming import Boundary
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.uint8]
 
 FLAT = 2.0**-40  # sine of an angle that is roundoff
 MAX_PASSES = 4  # a flip may let another one in
+
+
+class Drawn(NamedTuple):
+    """Points of a triangulation as they are drawn, each evaluated when it is first looked at."""
+
+    place: Floats  # (n, 3) mm
+    normal: Floats  # (n, 3) of S_u x S_v's sense; 0 at poles
+    known: Flags  # (n,)
+    owner: Ints  # (n,) boundary point of a lattice point, -1 for inner ones
+    scratch: Floats  # (4, MAX_DEGREE + 2)
+    at: Floats  # (12,)
 
 
 @leaf
@@ -57,27 +69,40 @@ def _any_pole(b: Boundary) -> bool:
 
 
 @leaf
-def _evaluate(
-    g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, owner: Ints, scratch: Floats, at: Floats,
-    place: Floats, normal: Floats,
-) -> None:  # fmt: skip
-    """Positions as they are drawn, and normals of S_u x S_v's sense; 0 at poles. ``at`` (12,) is scratch."""
-    sign = -1.0 if g.surfaces[row].reversed else 1.0
-    for i in range(N_OUTER, t.n[N_POINTS]):
-        k = owner[i]
-        u, v = f.u0 + t.points[i, 0] * f.du, f.v0 + t.points[i, 1] * f.dv
-        if k >= 0:
-            u, v = b.uv[k, 0], b.uv[k, 1]
-        surface_point(g, row, u, v, scratch, at)
-        known = 1.0 if surface_normal(g, row, u, v, scratch, at, normal[i]) else 0.0
-        for m in range(3):
-            place[i, m] = b.position[k, m] if k >= 0 else at[m]
-            normal[i, m] *= sign * known
+def _at_pole(t: Triangulation, b: Boundary, d: Drawn, k: int) -> bool:
+    """Whether triangle ``k`` has a corner at a pole: no other is ever folded before one of them is flipped."""
+    for i in range(3):
+        m = d.owner[t.tri[k, i]]
+        if m >= 0 and b.pole[m] != 0:
+            return True
+    return False
 
 
 @leaf
-def _folded(place: Floats, normal: Floats, i: int, j: int, k: int) -> bool:
+def _look(g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, d: Drawn, i: int) -> None:
+    """Evaluate point ``i`` unless that is done."""
+    if d.known[i] != 0:
+        return
+    d.known[i] = 1
+    k = d.owner[i]
+    u, v = f.u0 + t.points[i, 0] * f.du, f.v0 + t.points[i, 1] * f.dv
+    if k >= 0:
+        u, v = b.uv[k, 0], b.uv[k, 1]
+    surface_point(g, row, u, v, d.scratch, d.at)
+    sign = -1.0 if g.surfaces[row].reversed else 1.0
+    if not surface_normal(g, row, u, v, d.scratch, d.at, d.normal[i]):
+        sign = 0.0
+    for m in range(3):
+        d.place[i, m] = b.position[k, m] if k >= 0 else d.at[m]
+        d.normal[i, m] *= sign
+
+
+@leaf
+def _folded(g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, d: Drawn, i: int, j: int, k: int) -> bool:
     """Whether a triangle, counter-clockwise in (u, v), looks away from all normals at its corners, or nowhere."""
+    for c in (i, j, k):
+        _look(g, row, f, t, b, d, c)
+    place, normal = d.place, d.normal
     across, along, back = 0.0, 0.0, 0.0
     known, against = 0, 0
     for m in range(3):
@@ -105,23 +130,23 @@ def _folded(place: Floats, normal: Floats, i: int, j: int, k: int) -> bool:
 
 @leaf
 def _turn(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, target: float, check: Check,
-    place: Floats, normal: Floats,
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, k: int, target: float,
+    check: Check, d: Drawn,
 ) -> bool:  # fmt: skip
     """Flip an edge of the folded triangle ``k``, if that unfolds it and both triangles keep the bound."""
     for i in range(3):
         o = t.tri[k, ADJACENT + i]
         if t.tri[k, FIXED + i] > 0 or o < 0 or t.tri[o, INSIDE] == 0:
             continue
-        tip, a, b = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+        tip, low, high = t.tri[k, i], t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
         far = opposite(t, o, k)
-        if orient(t.points, tip, a, far) <= 0 or orient(t.points, tip, far, b) <= 0:
+        if orient(t.points, tip, low, far) <= 0 or orient(t.points, tip, far, high) <= 0:
             continue
-        if _folded(place, normal, tip, a, far) or _folded(place, normal, tip, far, b):
+        if _folded(g, row, f, t, b, d, tip, low, far) or _folded(g, row, f, t, b, d, tip, far, high):
             continue
         if (
-            points_bound(g, p, row, c, f, t, tip, a, far, check, target) <= target
-            and points_bound(g, p, row, c, f, t, tip, far, b, check, target) <= target
+            points_bound(g, p, row, c, f, t, tip, low, far, check, target) <= target
+            and points_bound(g, p, row, c, f, t, tip, far, high, check, target) <= target
         ):
             flip(t, k, i)
             return True
@@ -130,14 +155,18 @@ def _turn(
 
 @leaf
 def _pass(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, target: float, check: Check, place: Floats,
-    normal: Floats,
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, check: Check,
+    d: Drawn,
 ) -> bool:  # fmt: skip
-    """Look at all inner triangles once; whether an edge was flipped."""
+    """Look at all inner triangles at poles once; whether an edge was flipped."""
     turned = False
     for k in range(t.n[N_TRIANGLES]):
-        if t.tri[k, INSIDE] != 0 and _folded(place, normal, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]):
-            turned = _turn(g, p, row, c, f, t, k, target, check, place, normal) or turned
+        if (
+            t.tri[k, INSIDE] != 0
+            and _at_pole(t, b, d, k)
+            and _folded(g, row, f, t, b, d, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2])
+        ):
+            turned = _turn(g, p, row, c, f, t, b, k, target, check, d) or turned
     return turned
 
 
@@ -153,9 +182,8 @@ def unfold_poles(
     if not _any_pole(b):
         return
     n = t.n[N_POINTS]
-    place = np.zeros((n, 3))
-    normal = np.zeros((n, 3))
-    _evaluate(g, row, f, t, b, owner, np.empty((4, MAX_DEGREE + 2)), np.empty(12), place, normal)
+    known = np.zeros(n, dtype=np.uint8)
+    d = Drawn(np.empty((n, 3)), np.empty((n, 3)), known, owner, np.empty((4, MAX_DEGREE + 2)), np.empty(12))
     for _ in range(MAX_PASSES):
-        if not _pass(g, p, row, c, f, t, target, check, place, normal):
+        if not _pass(g, p, row, c, f, t, b, target, check, d):
             break
