@@ -25,12 +25,14 @@ import numba
 import numpy as np
 from numba.core import event
 from numba.core.caching import _CacheLocator
+from numba.core.codegen import CPUCodeLibrary
 
 from nurbs_cache.compile_notice import compiling
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_kernels: set[str] = set()  # their names
 UNUSED_DAYS = 30  # kernels that no run has looked at for so long are removed
 # What a ``leaf`` may return: nothing that could be an array or hold one.
 _SCALARS = re.compile(r"(None|int|float|bool|tuple\[(int|float|bool)(, (int|float|bool))*\])")
@@ -149,8 +151,28 @@ def drop_unused_kernels() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+_optimize = CPUCodeLibrary._optimize_final_module
+
+
+def _optimize_kernel(library: Any) -> None:
+    """Before a kernel is optimised, let the compiler know that nobody else calls what has been linked into it.
+
+    An array is passed as seven numbers, the tables of a part as a hundred, and all of them are copied at every
+    call that is not inlined, used or not. Of functions of its own LLVM drops the arguments that are not used.
+    """
+    if library.name in _kernels:
+        for linked in library._final_module.functions:
+            if not linked.is_declaration and linked.linkage == llvmlite.binding.Linkage.linkonce_odr:
+                linked.linkage = llvmlite.binding.Linkage.internal
+    _optimize(library)
+
+
+CPUCodeLibrary._optimize_final_module = _optimize_kernel
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile ``function`` without the interpreter: no GIL, IEEE division, machine code kept on disk."""
+    _kernels.add(function.__qualname__)
     before = numba.config.CACHE_LOCATOR_CLASSES
     numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{DigestLocator.__name__}"
     try:
