@@ -23,9 +23,10 @@ from typing import Any, ParamSpec, Self, TypeVar, cast
 import llvmlite.binding
 import numba
 import numpy as np
-from numba.core import event
+from numba.core import event, types
 from numba.core.caching import _CacheLocator
-from numba.core.codegen import CPUCodeLibrary
+from numba.core.codegen import CPUCodeLibrary, JITCPUCodegen
+from numba.core.types.misc import unliteral
 
 from nurbs_cache.compile_notice import compiling
 
@@ -33,6 +34,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _kernels: set[str] = set()  # their names
+_helpers: set[str] = set()  # likewise, leaves among them
+_NARROW = {types.int8, types.int16, types.int32, types.uint8, types.uint16, types.uint32}
 UNUSED_DAYS = 30  # kernels that no run has looked at for so long are removed
 # What a ``leaf`` may return: nothing that could be an array or hold one.
 _SCALARS = re.compile(r"(None|int|float|bool|tuple\[(int|float|bool)(, (int|float|bool))*\])")
@@ -152,6 +155,8 @@ def drop_unused_kernels() -> None:
 
 
 _optimize = CPUCodeLibrary._optimize_final_module
+_finalize = CPUCodeLibrary.finalize
+_set_env = JITCPUCodegen.set_env
 
 
 def _optimize_kernel(library: Any) -> None:
@@ -167,7 +172,51 @@ def _optimize_kernel(library: Any) -> None:
     _optimize(library)
 
 
+def _with_all_they_call(libraries: list[Any]) -> list[Any]:
+    """Each library once, with those that helpers among them call, directly or not.
+
+    Callers come before what they call: the linker takes only functions that it has seen a call of.
+    """
+    done: dict[Any, None] = {}
+    waiting = [(library, False) for library in libraries]
+    while waiting:
+        library, called_are_done = waiting.pop()
+        if called_are_done:
+            done.setdefault(library)
+        elif library not in done:
+            waiting.append((library, True))
+            if _is_helper(library):
+                waiting.extend((called, False) for called in library._linking_libraries)
+    return list(reversed(done))
+
+
+def _finalize_kernel(library: Any) -> None:
+    """Leave helpers as they are, and optimise a kernel together with all that it calls.
+
+    numba would link into each function all that it calls, optimise that and make machine code of it, again for
+    every function further up: most of the time of compiling, for code that nobody ever runs.
+    """
+    if _is_helper(library):
+        library._finalized = True
+        return
+    library._linking_libraries = _with_all_they_call(library._linking_libraries)
+    _finalize(library)
+
+
+def _set_kernel_env(codegen: Any, name: str, env: Any) -> None:
+    """Tell machine code where its Python globals are; a helper has neither."""
+    if codegen._engine.get_global_value_address(name):
+        _set_env(codegen, name, env)
+
+
+def _is_helper(library: Any) -> bool:
+    # A name may belong to a helper in one file and a kernel in another: then both are taken for kernels.
+    return library.name in _helpers and library.name not in _kernels
+
+
 CPUCodeLibrary._optimize_final_module = _optimize_kernel
+CPUCodeLibrary.finalize = _finalize_kernel
+JITCPUCodegen.set_env = _set_kernel_env
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -184,11 +233,33 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         numba.config.CACHE_LOCATOR_CLASSES = before
 
 
+def _widened(argument: Any) -> Any:
+    """The type that a helper sees of an argument: one for all integers that fit into 64 bits, constant or not."""
+    argument = unliteral(argument)
+    return types.int64 if argument in _NARROW else argument
+
+
+def _compile_once(function: Any) -> Any:
+    """Let a helper be compiled once for all widths of integers and all constants; it was a third of all compiling."""
+    if numba.config.DISABLE_JIT:
+        return function
+    template_for = function.get_call_template
+
+    def template_for_widened(arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
+        return template_for(tuple(_widened(a) for a in arguments), {name: _widened(a) for name, a in keywords.items()})
+
+    function.get_call_template = template_for_widened
+    return function
+
+
 def helper(function: Callable[P, R]) -> Callable[P, R]:
     """Like ``kernel`` for what only kernels call: compiled into them, nothing of its own on disk or for Python."""
+    _helpers.add(function.__qualname__)
     return cast(
         "Callable[P, R]",
-        numba.njit(function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True),
+        _compile_once(
+            numba.njit(function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        ),
     )
 
 
@@ -201,9 +272,12 @@ def leaf(function: Callable[P, R]) -> Callable[P, R]:
     returns = function.__annotations__.get("return")
     if not isinstance(returns, str) or not _SCALARS.fullmatch(returns):
         raise TypeError(f"{function.__qualname__} returns {returns}: a leaf returns numbers or nothing")
+    _helpers.add(function.__qualname__)
     return cast(
         "Callable[P, R]",
-        numba.njit(
-            function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
+        _compile_once(
+            numba.njit(
+                function, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
+            )
         ),
     )
