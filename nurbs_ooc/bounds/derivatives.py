@@ -50,50 +50,73 @@ OUTWARD = 1.0 + 2.0**-44
 
 
 @leaf
-def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: int) -> float:
-    """One component of a first (order 1), second (2) or mixed (3) difference of the flat net."""
-    if order == 1:
-        return net[at + step_a + k] - net[at + k]
-    if order == 2:
-        return net[at + 2 * step_a + k] - 2.0 * net[at + step_a + k] + net[at + k]
-    return net[at + step_a + step_b + k] - net[at + step_a + k] - net[at + step_b + k] + net[at + k]
+def _stencil(
+    step_u: int, step_v: int, di: int, dj: int, scale: float
+) -> tuple[int, int, int, float, float, float, float]:
+    """Offsets of three numbers beside one of a net, and the factors of all four in ``scale`` times a difference."""
+    if di + dj == 1:
+        return step_u * di + step_v * dj, 0, 0, -scale, scale, 0.0, 0.0
+    if di == 1:
+        return step_u, step_v, step_u + step_v, scale, -scale, -scale, scale
+    step = step_u if di == 2 else step_v
+    return step, 2 * step, 0, scale, -2.0 * scale, scale, 0.0
 
 
 @leaf
-def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats, box: Floats) -> None:
+def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats) -> None:
     """``scale`` times the (di, dj) differences of a flat net: largest norms of the spatial part and of the weights.
 
-    They go to ``out`` (2,), the box of the spatial part to ``box`` (6,): three lows, three highs.
+    They go to ``out`` (2,).
     """
-    step_u = (q + 1) * dim
-    step_v = dim
-    order = 3
-    step_a, step_b = step_u, step_v
-    if dj == 0:
-        order = di
-    elif di == 0:
-        order = dj
-        step_a = step_v
+    a, b, c, k0, k1, k2, k3 = _stencil((q + 1) * dim, dim, di, dj, scale)
     best = 0.0
     best_w = 0.0
-    for k in range(3):
-        box[k], box[3 + k] = np.inf, -np.inf
     for i in range(p + 1 - di):
-        for j in range(q + 1 - dj):
-            at = i * step_u + j * step_v
+        at = i * (q + 1) * dim
+        for _ in range(q + 1 - dj):
+            x = k0 * net[at] + k1 * net[at + a] + k2 * net[at + b] + k3 * net[at + c]
+            y = k0 * net[at + 1] + k1 * net[at + a + 1] + k2 * net[at + b + 1] + k3 * net[at + c + 1]
+            z = k0 * net[at + 2] + k1 * net[at + a + 2] + k2 * net[at + b + 2] + k3 * net[at + c + 2]
+            best = max(best, x * x + y * y + z * z)
             if dim == 4:
-                best_w = max(best_w, abs(_difference(net, at, step_a, step_b, order, 3)))
-            size = 0.0
-            for k in range(3):
-                d = scale * _difference(net, at, step_a, step_b, order, k)
-                box[k], box[3 + k] = min(box[k], d), max(box[3 + k], d)
-                size += d * d
-            best = max(best, size)
+                w = k0 * net[at + 3] + k1 * net[at + a + 3] + k2 * net[at + b + 3] + k3 * net[at + c + 3]
+                best_w = max(best_w, abs(w))
+            at += dim
+    out[0] = math.sqrt(best)
+    out[1] = best_w
+
+
+@leaf
+def _largest_and_box(
+    net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats, box: Floats
+) -> None:
+    """As ``_largest``; the box of the spatial part goes to ``box`` (6,): three lows, three highs."""
     if p < di or q < dj:
+        out[0], out[1] = 0.0, 0.0
         for k in range(6):
             box[k] = 0.0
+        return
+    a, b, c, k0, k1, k2, k3 = _stencil((q + 1) * dim, dim, di, dj, scale)
+    best, best_w = 0.0, 0.0
+    low_x, low_y, low_z = np.inf, np.inf, np.inf
+    high_x, high_y, high_z = -np.inf, -np.inf, -np.inf
+    for i in range(p + 1 - di):
+        at = i * (q + 1) * dim
+        for _ in range(q + 1 - dj):
+            x = k0 * net[at] + k1 * net[at + a] + k2 * net[at + b] + k3 * net[at + c]
+            y = k0 * net[at + 1] + k1 * net[at + a + 1] + k2 * net[at + b + 1] + k3 * net[at + c + 1]
+            z = k0 * net[at + 2] + k1 * net[at + a + 2] + k2 * net[at + b + 2] + k3 * net[at + c + 2]
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+            best = max(best, x * x + y * y + z * z)
+            if dim == 4:
+                w = k0 * net[at + 3] + k1 * net[at + a + 3] + k2 * net[at + b + 3] + k3 * net[at + c + 3]
+                best_w = max(best_w, abs(w))
+            at += dim
+    box[0], box[1], box[2] = low_x, low_y, low_z
+    box[3], box[4], box[5] = high_x, high_y, high_z
     out[0] = math.sqrt(best)
-    out[1] = scale * best_w
+    out[1] = best_w
 
 
 @leaf
@@ -102,16 +125,16 @@ def _second_sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float,
 
     ``boxes`` (BOXES,) gets their boxes.
     """
-    _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
-    _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
-    _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
+    _largest_and_box(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
+    _largest_and_box(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
+    _largest_and_box(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
 
 
 @leaf
 def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
     """As ``_second_sizes``, for all five derivatives."""
-    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU], boxes[0:6])
-    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV], boxes[0:6])
+    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU])
+    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV])
     _second_sizes(net, p, q, dim, h_u, h_v, out, boxes)
 
 
@@ -144,21 +167,25 @@ def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
 @leaf
 def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
     """The flat net of (w (S - A), w), of degrees (p + 1) x (q + 1): degree elevation with A taken off on the way."""
-    for i in range(p + 2):
-        for j in range(q + 2):
-            to = (i * (q + 2) + j) * 4
-            for k in range(4):
-                out[to + k] = 0.0
+    a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
+    u0, u1, u2 = a[1, 0], a[1, 1], a[1, 2]
+    v0, v1, v2 = a[2, 0], a[2, 1], a[2, 2]
+    for m in range(4 * (p + 2) * (q + 2)):
+        out[m] = 0.0
+    for i in range(p + 1):
+        for j in range(q + 1):
+            at = 4 * (i * (q + 1) + j)
+            x, y, z, w = net[at], net[at + 1], net[at + 2], net[at + 3]
+            # A point goes to four, those further along u or v with A further on.
             for di in range(2):
-                share_u = i / (p + 1.0) if di == 1 else 1.0 - i / (p + 1.0)
+                share_u = (i + 1.0) / (p + 1.0) if di == 1 else (p + 1.0 - i) / (p + 1.0)
                 for dj in range(2):
-                    share = share_u * (j / (q + 1.0) if dj == 1 else 1.0 - j / (q + 1.0))
-                    if share > 0.0:
-                        at = ((i - di) * (q + 1) + j - dj) * 4
-                        w = net[at + 3]
-                        out[to + 3] += share * w
-                        for k in range(3):
-                            out[to + k] += share * (net[at + k] - w * (a[0, k] + di * a[1, k] + dj * a[2, k]))
+                    share = share_u * ((j + 1.0) / (q + 1.0) if dj == 1 else (q + 1.0 - j) / (q + 1.0))
+                    to = 4 * ((i + di) * (q + 2) + j + dj)
+                    out[to] += share * (x - w * (a0 + di * u0 + dj * v0))
+                    out[to + 1] += share * (y - w * (a1 + di * u1 + dj * v1))
+                    out[to + 2] += share * (z - w * (a2 + di * u2 + dj * v2))
+                    out[to + 3] += share * w
 
 
 @leaf
