@@ -50,92 +50,74 @@ OUTWARD = 1.0 + 2.0**-44
 
 
 @leaf
-def _stencil(
-    step_u: int, step_v: int, di: int, dj: int, scale: float
-) -> tuple[int, int, int, float, float, float, float]:
-    """Offsets of three numbers beside one of a net, and the factors of all four in ``scale`` times a difference."""
-    if di + dj == 1:
-        return step_u * di + step_v * dj, 0, 0, -scale, scale, 0.0, 0.0
-    if di == 1:
-        return step_u, step_v, step_u + step_v, scale, -scale, -scale, scale
-    step = step_u if di == 2 else step_v
-    return step, 2 * step, 0, scale, -2.0 * scale, scale, 0.0
+def _subtract(values: Floats, n: int, step: int, out: Floats) -> None:
+    """``out[m]`` = values[m + step] - values[m], m < n."""
+    for m in range(n):
+        out[m] = values[m + step] - values[m]
 
 
 @leaf
-def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats) -> None:
-    """``scale`` times the (di, dj) differences of a flat net: largest norms of the spatial part and of the weights.
+def _largest(net: Floats, rows: int, columns: int, stride: int, dim: int, scale: float, out: Floats) -> None:
+    """Largest norm of the spatial part and largest weight of rows x columns points of a flat net, times ``scale`` >= 0.
 
-    They go to ``out`` (2,).
+    They go to ``out`` (2,); a row begins ``stride`` numbers after the one before.
     """
-    a, b, c, k0, k1, k2, k3 = _stencil((q + 1) * dim, dim, di, dj, scale)
     best = 0.0
     best_w = 0.0
-    for i in range(p + 1 - di):
-        at = i * (q + 1) * dim
-        for _ in range(q + 1 - dj):
-            x = k0 * net[at] + k1 * net[at + a] + k2 * net[at + b] + k3 * net[at + c]
-            y = k0 * net[at + 1] + k1 * net[at + a + 1] + k2 * net[at + b + 1] + k3 * net[at + c + 1]
-            z = k0 * net[at + 2] + k1 * net[at + a + 2] + k2 * net[at + b + 2] + k3 * net[at + c + 2]
-            best = max(best, x * x + y * y + z * z)
+    for i in range(rows):
+        for at in range(i * stride, i * stride + columns * dim, dim):
+            best = max(best, net[at] * net[at] + net[at + 1] * net[at + 1] + net[at + 2] * net[at + 2])
             if dim == 4:
-                w = k0 * net[at + 3] + k1 * net[at + a + 3] + k2 * net[at + b + 3] + k3 * net[at + c + 3]
-                best_w = max(best_w, abs(w))
-            at += dim
-    out[0] = math.sqrt(best)
-    out[1] = best_w
+                best_w = max(best_w, abs(net[at + 3]))
+    out[0] = scale * math.sqrt(best)
+    out[1] = scale * best_w
 
 
 @leaf
-def _largest_and_box(
-    net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats, box: Floats
-) -> None:
-    """As ``_largest``; the box of the spatial part goes to ``box`` (6,): three lows, three highs."""
-    if p < di or q < dj:
-        out[0], out[1] = 0.0, 0.0
-        for k in range(6):
-            box[k] = 0.0
-        return
-    a, b, c, k0, k1, k2, k3 = _stencil((q + 1) * dim, dim, di, dj, scale)
-    best, best_w = 0.0, 0.0
+def _box(net: Floats, rows: int, columns: int, stride: int, dim: int, scale: float, box: Floats) -> None:
+    """The box of the spatial parts of the same points, to ``box`` (6,): three lows, three highs; 0 of none."""
     low_x, low_y, low_z = np.inf, np.inf, np.inf
     high_x, high_y, high_z = -np.inf, -np.inf, -np.inf
-    for i in range(p + 1 - di):
-        at = i * (q + 1) * dim
-        for _ in range(q + 1 - dj):
-            x = k0 * net[at] + k1 * net[at + a] + k2 * net[at + b] + k3 * net[at + c]
-            y = k0 * net[at + 1] + k1 * net[at + a + 1] + k2 * net[at + b + 1] + k3 * net[at + c + 1]
-            z = k0 * net[at + 2] + k1 * net[at + a + 2] + k2 * net[at + b + 2] + k3 * net[at + c + 2]
+    for i in range(rows):
+        for at in range(i * stride, i * stride + columns * dim, dim):
+            x, y, z = net[at], net[at + 1], net[at + 2]
             low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
             high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
-            best = max(best, x * x + y * y + z * z)
-            if dim == 4:
-                w = k0 * net[at + 3] + k1 * net[at + a + 3] + k2 * net[at + b + 3] + k3 * net[at + c + 3]
-                best_w = max(best_w, abs(w))
-            at += dim
-    box[0], box[1], box[2] = low_x, low_y, low_z
-    box[3], box[4], box[5] = high_x, high_y, high_z
-    out[0] = math.sqrt(best)
-    out[1] = best_w
+    if rows <= 0 or columns <= 0:
+        low_x, low_y, low_z, high_x, high_y, high_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    box[0], box[1], box[2] = scale * low_x, scale * low_y, scale * low_z
+    box[3], box[4], box[5] = scale * high_x, scale * high_y, scale * high_z
 
 
 @leaf
-def _second_sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
-    """Bounds of the second derivatives of a flat net to ``out[MUU:]`` (5, 2): of its spatial part and of its weights.
+def _sizes(
+    net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, first: bool, out: Floats, boxes: Floats
+) -> None:
+    """Bounds of the derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights.
 
-    ``boxes`` (BOXES,) gets their boxes.
+    ``boxes`` (BOXES,) gets the boxes of the second ones; without ``first`` those are all.
     """
-    _largest_and_box(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
-    _largest_and_box(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
-    _largest_and_box(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
-
-
-@leaf
-def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
-    """As ``_second_sizes``, for all five derivatives."""
-    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU])
-    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV])
-    _second_sizes(net, p, q, dim, h_u, h_v, out, boxes)
+    width = (q + 1) * dim
+    once, twice = local_line(LIFTED_SIZE), local_line(LIFTED_SIZE)
+    # Differences of all numbers alike; what they make of the ends of rows is not looked at.
+    _subtract(net, p * width, width, once)
+    if first:
+        _largest(once, p, q + 1, width, dim, p / h_u, out[LU])
+    _subtract(once, (p - 1) * width, width, twice)
+    scale = p * (p - 1) / (h_u * h_u)
+    _largest(twice, p - 1, q + 1, width, dim, scale, out[MUU])
+    _box(twice, p - 1, q + 1, width, dim, scale, boxes[0:6])
+    _subtract(net, (p + 1) * width - dim, dim, once)
+    if first:
+        _largest(once, p + 1, q, width, dim, q / h_v, out[LV])
+    _subtract(once, p * width - dim, width, twice)
+    scale = p * q / (h_u * h_v)
+    _largest(twice, p, q, width, dim, scale, out[MUV])
+    _box(twice, p, q, width, dim, scale, boxes[6:12])
+    _subtract(once, (p + 1) * width - 2 * dim, dim, twice)
+    scale = q * (q - 1) / (h_v * h_v)
+    _largest(twice, p + 1, q - 1, width, dim, scale, out[MVV])
+    _box(twice, p + 1, q - 1, width, dim, scale, boxes[12:18])
 
 
 @leaf
@@ -205,7 +187,7 @@ def _rational_bounds(
         w = lifted[at + 3]
         w_min, w_max = min(w_min, w), max(w_max, w)
         r = max(r, math.sqrt(lifted[at] ** 2 + lifted[at + 1] ** 2 + lifted[at + 2] ** 2) / w)
-    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, sizes, boxes)
+    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, True, sizes, boxes)
     w_u, w_v = sizes[LU, 1], sizes[LV, 1]
     t_u = (sizes[LU, 0] + r * w_u) / w_min
     t_v = (sizes[LV, 0] + r * w_v) / w_min
@@ -243,7 +225,7 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
     if dim == 4:
         _rational_bounds(net, p, q, h_u, h_v, sizes, out, boxes)
     else:
-        _sizes(net, p, q, dim, h_u, h_v, sizes, boxes)
+        _sizes(net, p, q, dim, h_u, h_v, True, sizes, boxes)
         for k in range(5):
             out[k] = sizes[k, 0]
     for k in range(5):
@@ -259,6 +241,6 @@ def second_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float,
         out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
         return
     sizes = local_table(5, 2)
-    _second_sizes(net, p, q, dim, h_u, h_v, sizes, out[3:])
+    _sizes(net, p, q, dim, h_u, h_v, False, sizes, out[3:])
     for k in range(3):
         out[k] = sizes[MUU + k, 0] * OUTWARD

@@ -13,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
-from nurbs_cache.local_array import local_line
+from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, mark_strips, profile_jump, slope_jump
 from nurbs_ooc.bounds.curve_bounds import NURBS as NURBS_CURVE
 from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
-from nurbs_ooc.geometry.bezier_net import NET, bezier_net
+from nurbs_ooc.geometry.bezier_net import LINE, NET, bezier_net, net_of_span
+from nurbs_ooc.geometry.bspline import bezier_weights, find_span
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
@@ -126,10 +127,17 @@ def _list_spans(
 def _rational_bounds(g: Tables, p: Pieces, row: int, breaks_u: Floats, breaks_v: Floats, net: Floats) -> None:
     """Bounds of the pieces of a rational surface, from their Bézier nets."""
     s = g.surfaces[row]
-    for i in range(p.table[row, N_U]):
-        for j in range(p.table[row, N_V]):
-            u0, u1, v0, v1 = breaks_u[i, 0], breaks_u[i + 1, 0], breaks_v[j, 0], breaks_v[j + 1, 0]
-            dim = bezier_net(g, row, u0, u1, v0, v1, net)
+    along_u = local_table(LINE, LINE)
+    along_v = local_table(LINE, LINE)
+    for j in range(p.table[row, N_V]):
+        v0, v1 = breaks_v[j, 0], breaks_v[j + 1, 0]
+        span_v = find_span(g.values, s.knots_v, s.n_v, s.degree_v, 0.5 * (v0 + v1))
+        bezier_weights(g.values, s.knots_v, span_v, s.degree_v, v0, v1, along_v)
+        for i in range(p.table[row, N_U]):
+            u0, u1 = breaks_u[i, 0], breaks_u[i + 1, 0]
+            span_u = find_span(g.values, s.knots_u, s.n_u, s.degree_u, 0.5 * (u0 + u1))
+            bezier_weights(g.values, s.knots_u, span_u, s.degree_u, u0, u1, along_u)
+            dim = net_of_span(g, row, span_u, span_v, along_u, along_v, net)
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             net_bounds(net, s.degree_u, s.degree_v, dim, u1 - u0, v1 - v0, p.bounds[piece], p.boxes[piece])
             p.spread[piece] = weight_spread(net, (s.degree_u + 1) * (s.degree_v + 1))

@@ -32,21 +32,15 @@ def _combine(lines: Floats, weights: Floats, n: int, width: int, out: Floats) ->
 
 
 @leaf
-def bezier_net(g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> int:
-    """Write the flat net (degree_u + 1, degree_v + 1, 3 or 4) over a box to ``out``.
+def net_of_span(g: Tables, row: int, span_u: int, span_v: int, along_u: Floats, along_v: Floats, out: Floats) -> int:
+    """Write the flat net (degree_u + 1, degree_v + 1, 3 or 4) of a part of a knot span to ``out``.
 
-    The box lies in the knot span that holds its middle, or reaches a little beyond (the polynomial is
-    continued). Homogeneous coordinates if the surface is rational; returns how many per point.
+    ``along_u`` and ``along_v`` are the part's ``bezier_weights``. Homogeneous coordinates if the surface is
+    rational; returns how many per point.
     """
     s = g.surfaces[row]
     p, q = s.degree_u, s.degree_v
     dim = 4 if s.rational else 3
-    span_u = find_span(g.values, s.knots_u, s.n_u, p, 0.5 * (u0 + u1))
-    span_v = find_span(g.values, s.knots_v, s.n_v, q, 0.5 * (v0 + v1))
-    along_u = local_table(LINE, LINE)
-    along_v = local_table(LINE, LINE)
-    bezier_weights(g.values, s.knots_u, span_u, p, u0, u1, along_u)
-    bezier_weights(g.values, s.knots_v, span_v, q, v0, v1, along_v)
     # Each direction in turn has the other one's numbers side by side, so that they are added up in lanes.
     columns = local_line(NET)
     rows = local_line(NET)
@@ -62,6 +56,23 @@ def bezier_net(g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, 
                 columns[(i * (q + 1) + j) * dim + k] = rows[(j * (p + 1) + i) * dim + k]
     _combine(columns, along_u, p + 1, (q + 1) * dim, out)
     return dim
+
+
+@leaf
+def bezier_net(g: Tables, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> int:
+    """Write the flat net over a box to ``out``, see ``net_of_span``.
+
+    The box lies in the knot span that holds its middle, or reaches a little beyond (the polynomial is
+    continued).
+    """
+    s = g.surfaces[row]
+    span_u = find_span(g.values, s.knots_u, s.n_u, s.degree_u, 0.5 * (u0 + u1))
+    span_v = find_span(g.values, s.knots_v, s.n_v, s.degree_v, 0.5 * (v0 + v1))
+    along_u = local_table(LINE, LINE)
+    along_v = local_table(LINE, LINE)
+    bezier_weights(g.values, s.knots_u, span_u, s.degree_u, u0, u1, along_u)
+    bezier_weights(g.values, s.knots_v, span_v, s.degree_v, v0, v1, along_v)
+    return net_of_span(g, row, span_u, span_v, along_u, along_v, out)
 
 
 @leaf

@@ -56,8 +56,8 @@ NETS = SPARE + 2
 # What a cell covers of its surface's pieces.
 SEVERAL, WHOLE, PART = 0, 1, 2
 # Columns of ``Cells.node`` and ``Cells.box``.
-CHILD, AXIS, GRID, DEPTH, EXTENT = 0, 1, 2, 4, 5
-NODE_COLUMNS = 6
+CHILD, AXIS, GRID, DEPTH, EXTENT, PARENT = 0, 1, 2, 4, 5, 6
+NODE_COLUMNS = 7
 CUT, SECOND, VECTORS = 4, 5, 8
 MEASURES = 3 + BOXES
 COLUMNS = VECTORS + BOXES
@@ -66,7 +66,7 @@ COLUMNS = VECTORS + BOXES
 class Cells(NamedTuple):
     """A kd-tree in two arrays; row 0 is the root, children are consecutive."""
 
-    node: Ints  # (n, NODE_COLUMNS): first child (-1: a leaf), axis of the split (0: u), columns, rows, depth, extent
+    node: Ints  # (n, NODE_COLUMNS): first child (-1: a leaf), axis (0: u), columns, rows, depth, extent, parent
     box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|; their vectors' boxes
 
 
@@ -76,6 +76,8 @@ def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: f
     cu = a * a * muu / (8.0 * error)
     cv = b * b * mvv / (8.0 * error)
     cm = 2.0 * a * b * muv / (8.0 * error)
+    if cu + cv + cm <= 1.0:
+        return 1, 1
     nu = max(1.0, math.floor(math.sqrt(min(cu, 1e16))))
     nv = max(1.0, math.floor(math.sqrt(min(cv, 1e16))))
     total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
@@ -168,7 +170,9 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
     """Columns and rows of a cell, also to its ``node`` row; with vectors their directions count, not norms alone."""
     b = c.box[node]
     muu, muv, mvv = b[SECOND], b[SECOND + 1], b[SECOND + 2]
-    if vectors:
+    size_u, size_v = b[1] - b[0], b[3] - b[2]
+    sum_of_norms = size_u * size_u * muu + 2.0 * size_u * size_v * muv + size_v * size_v * mvv
+    if vectors and sum_of_norms > 8.0 * error:
         muu, muv, mvv = grid_bounds(b[SECOND:], b[VECTORS:])
     nu, nv = grid_counts(muu, muv, mvv, b[1] - b[0], b[3] - b[2], error)
     c.node[node, GRID + 0], c.node[node, GRID + 1] = nu, nv
@@ -308,7 +312,7 @@ def _split(
         for m in range(4):
             c.box[kid, m] = b[m]
         c.box[kid, 1 - k if along_u else 3 - k] = cut
-        c.node[kid, CHILD] = -1
+        c.node[kid, CHILD], c.node[kid, PARENT] = -1, node
         c.node[kid, DEPTH] = c.node[node, DEPTH] + 1
         known[SPARE + k] = 1
         if inherit:
@@ -355,7 +359,7 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, c: Ce
     known = stack[NETS:]
     for k in range(4):
         c.box[0, k] = box[k]
-    c.node[0, CHILD], c.node[0, DEPTH] = -1, 0
+    c.node[0, CHILD], c.node[0, DEPTH], c.node[0, PARENT] = -1, 0, 0
     known[0] = 1 if _plan(g, p, row, c, 0, -1, error, nets[0]) else 0
     if c.node[0, GRID + 0] * c.node[0, GRID + 1] > 1:
         error *= CELL_SHARE
@@ -387,38 +391,48 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, c: Ce
 
 
 @leaf
-def _is_leaf_around(c: Cells, node: int, u0: float, u1: float, v0: float, v1: float) -> bool:
-    """Whether ``node`` is a leaf that holds a parameter box alone."""
-    if node >= len(c.node) or c.node[node, CHILD] >= 0:
-        return False
-    b = c.box[node]
-    return b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]
+def cell_around(c: Cells, u0: float, u1: float, v0: float, v1: float, near: Ints) -> int:
+    """The smallest cell that holds a parameter box.
+
+    ``near`` (1,) is where the search begins, the number of any cell, and gets the one found.
+    """
+    node = near[0]
+    while node > 0:
+        b = c.box[node]
+        if b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]:
+            break
+        node = c.node[node, PARENT]
+    while c.node[node, CHILD] >= 0:
+        low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
+        if high <= c.box[node, CUT]:
+            node = c.node[node, CHILD]
+        elif low >= c.box[node, CUT]:
+            node = c.node[node, CHILD] + 1
+        else:
+            break
+    near[0] = node
+    return int(node)
 
 
 @leaf
 def cell_bounds(
-    c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, near: Ints, out: Floats
+    c: Cells, start: int, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, out: Floats
 ) -> None:
-    """Second-derivative bounds (3,) of the leaves that meet a parameter box to ``out``, then their boxes if wanted.
+    """Second-derivative bounds (3,) of the leaves below ``start`` that meet a parameter box, and their boxes if wanted.
 
-    ``near`` (1,) is where the search begins, a number >= 0 of any leaf, and gets the last leaf found.
+    They go to ``out`` (3 + BOXES,).
     """
-    if _is_leaf_around(c, near[0], u0, u1, v0, v1):
-        for k in range(3 + (BOXES if vectors else 0)):
-            out[k] = c.box[near[0], SECOND + k]
-        return
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
     if vectors:
         for m in range(3):
             for k in range(3):
                 out[3 + 6 * m + k], out[6 + 6 * m + k] = np.inf, -np.inf
     top = 1
-    stack[0] = 0
+    stack[0] = start
     while top > 0:
         top -= 1
         node = stack[top]
         if c.node[node, CHILD] < 0:
-            near[0] = node
             for k in range(3):
                 out[k] = max(out[k], c.box[node, SECOND + k])
             if vectors:
