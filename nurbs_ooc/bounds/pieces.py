@@ -38,13 +38,15 @@ MODEST = 2.0
 WIDEST = 2.0**-6
 NARROWEST = 2.0**-30
 # Columns of ``Pieces.table``.
-FIRST, N_U, N_V, BREAK_U, BREAK_V = 0, 1, 2, 3, 4
+FIRST, N_U, N_V, BREAK_U, BREAK_V, CREASED = 0, 1, 2, 3, 4, 5
 
 
 class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
-    table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0: none, no breaks either), offsets of breaks
+    table: (
+        Ints  # (n_surfaces, 6): first piece, pieces in u and v (0: none, no breaks either), offsets of breaks, CREASED
+    )
     breaks: Floats  # (n, 4): value, and what ``creases`` says of it
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
     boxes: Floats  # (n_pieces, BOXES): boxes of the vectors S_uu, S_uv, S_vv
@@ -175,6 +177,16 @@ def _profile_breaks(g: Tables, p: Pieces, row: int, spans: Ints) -> None:
             breaks[i, JUMP] = profile_jump(g, s.profile, breaks[i - 1, VALUE], breaks[i, VALUE], breaks[i + 1, VALUE])
 
 
+@leaf
+def _any_crease(p: Pieces, row: int) -> bool:
+    """Whether a surface has a crease at all."""
+    at = p.table[row, BREAK_U]
+    for k in range(at, at + p.table[row, N_U] + p.table[row, N_V] + 2):
+        if p.breaks[k, JUMP] > 0.0:
+            return True
+    return False
+
+
 @kernel
 def _fill(g: Tables, p: Pieces, error: float) -> None:
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
@@ -191,6 +203,7 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
         s = g.surfaces[row]
         if s.kind != NURBS:
             _profile_breaks(g, p, row, spans[0])
+            p.table[row, CREASED] = _any_crease(p, row)
             continue
         breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + n_u + 1]
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
@@ -207,6 +220,7 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
         _jumps(g, row, False, n_v, breaks_v, breaks_u, n_u, nets)
         mark_strips(breaks_u, n_u, error, p.bounds[first:last], p.boxes[first:last], True, n_v)
         mark_strips(breaks_v, n_v, error, p.bounds[first:last], p.boxes[first:last], False, n_u)
+        p.table[row, CREASED] = _any_crease(p, row)
 
 
 def surface_pieces(g: Tables, error: float) -> Pieces:
@@ -222,7 +236,7 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
     n = len(g.surfaces)
     n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
     _count(g, n_u, n_v)
-    table = np.zeros((n, 5), np.int64)
+    table = np.zeros((n, 6), np.int64)
     table[:, N_U], table[:, N_V] = n_u, n_v
     totals = []
     for column, counts in (
@@ -349,6 +363,8 @@ def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, o
 @leaf
 def creases_in_box(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float) -> float:
     """What creases add to the deviation of a linear interpolant over a parameter box, mm."""
+    if p.table[row, CREASED] == 0:
+        return 0.0
     charge = 0.0
     for direction in range(2):
         n = p.table[row, N_U] if direction == 0 else p.table[row, N_V]

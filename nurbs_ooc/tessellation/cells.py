@@ -24,9 +24,9 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
-from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
-from nurbs_ooc.bounds.triangle_bound import grid_bounds
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, grid_bounds
 from nurbs_ooc.geometry.bezier_net import bezier_net, split_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
@@ -59,15 +59,14 @@ SEVERAL, WHOLE, PART = 0, 1, 2
 CHILD, AXIS, GRID, DEPTH, EXTENT, PARENT = 0, 1, 2, 4, 5, 6
 NODE_COLUMNS = 7
 CUT, SECOND, VECTORS = 4, 5, 8
-MEASURES = 3 + BOXES
-COLUMNS = VECTORS + BOXES
+COLUMNS = SECOND + MEASURES
 
 
 class Cells(NamedTuple):
     """A kd-tree in two arrays; row 0 is the root, children are consecutive."""
 
     node: Ints  # (n, NODE_COLUMNS): first child (-1: a leaf), axis (0: u), columns, rows, depth, extent, parent
-    box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|; their vectors' boxes
+    box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; ``MEASURES``
 
 
 @leaf
@@ -147,7 +146,7 @@ def _extent(p: Pieces, row: int, box: Floats) -> int:
 
 @leaf
 def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> None:
-    """Second-derivative bounds (3,) and boxes (BOXES,) of the pieces over a box to ``out``.
+    """Second-derivative bounds of the pieces over a box to ``out`` (MEASURES,).
 
     Tagged surfaces have bounds alone.
     """
@@ -156,6 +155,7 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> None:
     out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
     if g.surfaces[row].kind == NURBS:
         box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
+        box_radii(out)
 
 
 @leaf
@@ -163,6 +163,7 @@ def _measure_net(g: Tables, row: int, box: Floats, net: Floats, out: Floats) -> 
     """The same of the Bézier net of just this box."""
     s = g.surfaces[row]
     second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, box[1] - box[0], box[3] - box[2], out)
+    box_radii(out)
 
 
 @leaf
@@ -173,7 +174,7 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
     size_u, size_v = b[1] - b[0], b[3] - b[2]
     sum_of_norms = size_u * size_u * muu + 2.0 * size_u * size_v * muv + size_v * size_v * mvv
     if vectors and sum_of_norms > 8.0 * error:
-        muu, muv, mvv = grid_bounds(b[SECOND:], b[VECTORS:])
+        muu, muv, mvv = grid_bounds(b[SECOND:])
     nu, nv = grid_counts(muu, muv, mvv, b[1] - b[0], b[3] - b[2], error)
     c.node[node, GRID + 0], c.node[node, GRID + 1] = nu, nv
     return nu, nv
@@ -181,7 +182,7 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
 
 @leaf
 def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
-    """Let bounds and boxes ``b`` (3 + BOXES,) be no wider than what is known, whatever roundoff does to them."""
+    """Let bounds and boxes ``b`` (MEASURES,) be no wider than what is known, whatever roundoff does to them."""
     for m in range(3):
         b[m] = min(b[m], known[m])
     if vectors:
@@ -190,6 +191,7 @@ def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
                 low, high = max(b[k], known[k]), min(b[k + 3], known[k + 3])
                 if low <= high:
                     b[k], b[k + 3] = low, high
+        box_radii(b)
 
 
 @leaf
@@ -420,7 +422,7 @@ def cell_bounds(
 ) -> None:
     """Second-derivative bounds (3,) of the leaves below ``start`` that meet a parameter box, and their boxes if wanted.
 
-    They go to ``out`` (3 + BOXES,).
+    They go to ``out`` (MEASURES,).
     """
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
     if vectors:
@@ -445,3 +447,5 @@ def cell_bounds(
         if high > c.box[node, CUT]:
             stack[top] = c.node[node, CHILD] + 1
             top += 1
+    if vectors:
+        box_radii(out)

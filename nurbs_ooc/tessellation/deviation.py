@@ -42,7 +42,7 @@ class Frame(NamedTuple):
 class Check(NamedTuple):
     """Scratch of the bound of a triangle."""
 
-    second: Floats  # (3 + BOXES,) what the last bound rests on, see ``cell_bounds``: its norms always, boxes perhaps
+    second: Floats  # (MEASURES,) what the last bound rests on, see ``cell_bounds``: its norms always, boxes perhaps
     stack: Ints  # (256,) of a walk in the kd-tree
     near: Ints  # (1,) the cell where the last walk began
 

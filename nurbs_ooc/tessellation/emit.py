@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line
-from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.bounds.pieces import CREASED, Pieces
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.corner_normals import any_crease, crease_normal, on_crease, pole_normal
+from nurbs_ooc.tessellation.corner_normals import crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.face import face_frame
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_POINTS, N_TRIANGLES, Triangulation, triangles_of
@@ -268,7 +268,7 @@ def emit_face(g: Tables, p: Pieces, row: int, w: Workspace, o: Output) -> bool:
     at, kind = w.drawn.owner, w.drawn.kind
     for c in range(total):
         at[c], kind[c] = -1, ONE
-    creased = any_crease(p, row)
+    creased = p.table[row, CREASED] != 0
     _put_boundary(p, row, w.boundary, n, f, creased, o, at, kind)
     several = _put_inner(g, p, row, t, f, w.scratch, creased, o, at, kind)
     if several > 0:

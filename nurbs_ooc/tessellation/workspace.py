@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.bounds.derivatives import BOXES
+from nurbs_ooc.bounds.triangle_bound import MEASURES
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.cells import COLUMNS, NETS, NODE_COLUMNS, Cells
@@ -107,7 +107,7 @@ def new_workspace(g: Tables) -> Workspace:
         np.empty((NETS, largest_net(g))),
         room_for(POINTS),
         _point_room(POINTS + N_OUTER),
-        Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64)),
+        Check(np.empty(MEASURES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64)),
         np.empty(3 * MAX_BLAMES + 1, dtype=np.int64),
         np.zeros(3, dtype=np.int64),
         np.empty(2),
