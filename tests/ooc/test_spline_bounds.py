@@ -14,7 +14,7 @@ from nurbs_ooc.bounds.curve_bounds import D1, D2, D2_X, HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces, box_bounds, box_boxes, creases_in_box, surface_pieces
-from nurbs_ooc.bounds.triangle_bound import largest_mean, norm_bound, vector_bound
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, largest_mean, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import bezier_net
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
@@ -65,11 +65,12 @@ def _net_bounds(g: Tables, box: Floats) -> Floats:
     """What ``_triangle`` takes, over a box inside one span."""
     net = np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4)
     bounds = np.empty(5)
-    out = np.empty(3 + BOXES)
+    out = np.empty(MEASURES)
     s = g.surfaces[0]
     dim = bezier_net(g, 0, box[0], box[1], box[2], box[3], net)
     net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], bounds, out[3:])
     out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+    box_radii(out)
     return out
 
 
