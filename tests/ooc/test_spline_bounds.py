@@ -158,7 +158,8 @@ def test_a_strip_between_close_knots_is_charged_as_a_crease() -> None:
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, loose, np.array([low[0], high[0], low[1], high[1]]))
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
-        bound = creases + _triangle(np.concatenate([bounds[[MUU, MUV, MVV]], boxes]), t, True)
+        radii = 0.5 * np.linalg.norm(np.diff(boxes.reshape(3, 2, 3), axis=1)[:, 0], axis=1)
+        bound = creases + _triangle(np.concatenate([bounds[[MUU, MUV, MVV]], boxes, radii]), t, True)
         assert creases > 0.0 and off <= bound
         sharp, _, _ = _over(g, strict, np.array([low[0], high[0], low[1], high[1]]))
         assert bound < 0.1 * sharp[MUU] * (high[0] - low[0]) ** 2 / 8.0
