@@ -48,9 +48,7 @@ def mesh_levels(near: RunGeometry, keys: Keys, demanded: Keys, workers: int = 1)
     return pools
 
 
-def _pool(
-    tessellator: Tessellator, error: float, keys: Keys, rows: Ids, present: Ids, workers: int
-) -> MeshPool:
+def _pool(tessellator: Tessellator, error: float, keys: Keys, rows: Ids, present: Ids, workers: int) -> MeshPool:
     return MeshPool.of_mesh(tessellator.mesh(error, faces=rows, present=present, workers=workers), keys)
 
 

@@ -5,7 +5,6 @@ Parts share no edges, so whatever is computed of a part comes out as if it were 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,21 +12,21 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
 
-# Columns of each table, the table that they point into, and whether negative numbers mean none.
+# Columns of each table and the table that they point into.
 _POINTERS = {
-    "surfaces": [
-        ("profile", "curves"),
-        ("first_loop", "loops"),
-        ("source", "sources"),
-        ("knots_u", "values"),
-        ("knots_v", "values"),
-        ("points", "values"),
-        ("frame", "values"),
-    ],
-    "loops": [("first_coedge", "coedges")],
-    "coedges": [("edge", "edges"), ("pcurve", "curves")],
-    "edges": [("curve", "curves"), ("vertex0", "vertices"), ("vertex1", "vertices")],
-    "curves": [("knots", "values"), ("points", "values")],
+    "surfaces": {
+        "profile": "curves",
+        "first_loop": "loops",
+        "source": "sources",
+        "knots_u": "values",
+        "knots_v": "values",
+        "points": "values",
+        "frame": "values",
+    },
+    "loops": {"first_coedge": "coedges"},
+    "coedges": {"edge": "edges", "pcurve": "curves"},
+    "edges": {"curve": "curves", "vertex0": "vertices", "vertex1": "vertices"},
+    "curves": {"knots": "values", "points": "values"},
 }
 
 
@@ -39,24 +38,30 @@ def join_parts(parts: Sequence[GeometryBatch]) -> GeometryBatch:
     """
     if len(parts) == 1:
         return parts[0]
-    starts = {
-        name: [0, *itertools.accumulate(len(getattr(part, name)) for part in parts)]
-        for name in (*_POINTERS, "vertices", "values", "sources")
-    }
     return GeometryBatch(
-        *(_joined_table(parts, name, starts) for name in _POINTERS),
+        surfaces=_joined(parts, "surfaces"),
+        loops=_joined(parts, "loops"),
+        coedges=_joined(parts, "coedges"),
+        edges=_joined(parts, "edges"),
+        curves=_joined(parts, "curves"),
         vertices=np.concatenate([part.vertices for part in parts]),
         values=np.concatenate([part.values for part in parts]),
         sources=[source for part in parts for source in part.sources],
     )
 
 
-def _joined_table(parts: Sequence[GeometryBatch], name: str, starts: dict[str, list[int]]) -> npt.NDArray[np.void]:
-    """A table of all parts with its pointers moved; negative ones mean none and stay."""
-    table = np.concatenate([getattr(part, name) for part in parts])
-    lengths = [len(getattr(part, name)) for part in parts]
-    for column, target in _POINTERS[name]:
-        pointers = table[column]
-        shift = np.repeat(np.array(starts[target][:-1], np.int64), lengths)
-        table[column] = np.where(pointers < 0, pointers, pointers + shift)
+def _joined(parts: Sequence[GeometryBatch], name: str) -> npt.NDArray[np.void]:
+    """A table of all parts with its pointers moved; negative ones mean none and stay, as do names that are missing."""
+    tables = [getattr(part, name) for part in parts]
+    lengths = [len(table) for table in tables]
+    # Byte for byte: numpy leaves the gaps of structured rows undefined.
+    table = np.frombuffer(bytearray(b"".join(table.tobytes() for table in tables)), tables[0].dtype)
+    for column, target in _POINTERS[name].items():
+        counts = np.array([len(getattr(part, target)) for part in parts], np.int64)
+        shift = np.repeat(np.cumsum(counts) - counts, lengths)
+        pointers = table[column].astype(np.int64)
+        moved = np.where(pointers < 0, pointers, pointers + shift)
+        if target == "sources":
+            moved = np.where(pointers < np.repeat(counts, lengths), moved, -1)
+        table[column] = moved
     return table

@@ -77,10 +77,8 @@ class MeshPool:
             slots, mesh.vertex_start, mesh.triangle_start, mesh.segment_start, mesh.positions, mesh.normals,
             mesh.triangles, mesh.segments, words.view(np.float64), words.view(np.float32), words.view(np.int32),
         )  # fmt: skip
-        mapped = memoryview(words)
-        slots["checksum"] = [
-            zlib.crc32(mapped[first:end]) for first, end in itertools.pairwise([0, *ends.tolist()])
-        ]
+        mapped = words.data
+        slots["checksum"] = [zlib.crc32(mapped[first:end]) for first, end in itertools.pairwise([0, *ends.tolist()])]
         return cls(slots, words)
 
     @classmethod
