@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_ooc.bounds.creases import has_strips, mark_strips
 from nurbs_ooc.bounds.derivatives import BOXES
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, FIRST, N_U, N_V, Pieces, plain_pieces
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, FIRST, N_U, N_V, Pieces, any_crease, plain_pieces
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -50,6 +50,7 @@ def _mark(p: Pieces, rows: Ints, error: float, out: Pieces) -> None:
         bounds, boxes = out.bounds[first:last], out.boxes[first:last]
         mark_strips(out.breaks[at_u : at_u + n_u + 1], n_u, error, bounds, boxes, True, n_v)
         mark_strips(out.breaks[at_v : at_v + n_v + 1], n_v, error, bounds, boxes, False, n_u)
+        out.table[row, CREASED] = any_crease(out, row)
 
 
 class PiecesByError:
@@ -64,12 +65,8 @@ class PiecesByError:
         found = np.zeros(len(g.surfaces), np.bool_)
         _find_strips(g, self._plain, found)
         self._rows = np.flatnonzero(found)
-        plain = self._plain
-        self._marked = (
-            plain._replace(breaks=plain.breaks.copy(), bounds=plain.bounds.copy(), boxes=plain.boxes.copy())
-            if len(self._rows)
-            else plain
-        )
+        copies = {name: getattr(self._plain, name).copy() for name in ("table", "breaks", "bounds", "boxes")}
+        self._marked = self._plain._replace(**copies) if len(self._rows) else self._plain
 
     def at(self, error: float) -> Pieces:
         """The pieces for an error in mm: strips between knots that do not matter to it are creases.

@@ -15,20 +15,32 @@ from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
-from nurbs_ooc.bounds.derivatives import BOXES
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.strips import PiecesByError
 from nurbs_ooc.geometry.soundness import sound_tables
-from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
-from nurbs_ooc.tessellation.deviation import Check
+from nurbs_ooc.geometry.tables import Tables, tables
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
-from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
-from nurbs_ooc.tessellation.face import BOX_AS_POINTS, DEGRADED, NEEDS_SAMPLES, tessellate_face
+from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
+from nurbs_ooc.tessellation.face import (
+    BOX_AS_POINTS,
+    DEGRADED,
+    EXTRA,
+    GAP,
+    NEEDS_SAMPLES,
+    NO_ROOM,
+    READY,
+    REASON,
+    STATUS,
+    TRIM,
+    WORST,
+    Draft,
+    tessellate_face,
+)
 from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
-from nurbs_ooc.tessellation.triangulate import room_for
 from nurbs_ooc.tessellation.workers import chunk_runner
+from nurbs_ooc.tessellation.workspace import larger, new_workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -52,31 +64,31 @@ def _faces(
     ends = np.zeros((high - low, 3), dtype=np.int64)
     codes = np.zeros((high - low, 3), dtype=np.int64)
     errors = np.zeros((high - low, 3))
-    check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64))
-    scratch = np.empty((4, MAX_DEGREE + 2))
-    room = room_for(1024)
+    w = new_workspace(g)
+    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64))
     for i in range(high - low):
         row = faces[low + i]
         s = g.surfaces[row]
         codes[i, 1], codes[i, 2] = s.status, s.reason
         if s.status != 3:
-            d, room = tessellate_face(g, p, samples, row, error, final, check, wanted, room)
-            codes[i, 0] = d.code
-            if d.status > codes[i, 1]:
-                codes[i, 1], codes[i, 2] = d.status, d.reason
-            if d.code != NEEDS_SAMPLES:
-                b = d.boundary
+            d.code[STATUS], d.code[REASON] = 0, 0
+            code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
+            while code == NO_ROOM:
+                w = larger(w)
+                code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
+            codes[i, 0] = code
+            if d.code[STATUS] > codes[i, 1]:
+                codes[i, 1], codes[i, 2] = d.code[STATUS], d.code[REASON]
+            if code == READY:
                 first, drawn = o.n[0], o.n[1]
-                extra = d.extra
-                if d.reason == BOX_AS_POINTS:
-                    o = emit_points(b, o)
-                else:
-                    o = emit_face(g, p, row, b, d.triangulation, d.point, d.frame, scratch, o)
-                    if o.n[1] == drawn and codes[i, 1] < DEGRADED:
-                        # Every triangle has two corners in one place: its points alone stand for it.
-                        codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
-                        extra += box_diagonal(o.position[first : o.n[0]])
-                errors[i, 0], errors[i, 1], errors[i, 2] = d.worst, b.trim + extra, b.gap
+                points = d.code[REASON] == BOX_AS_POINTS
+                while not (emit_points(w, o) if points else emit_face(g, p, row, w, o)):
+                    o = with_room(o)
+                errors[i, 0], errors[i, 1], errors[i, 2] = d.error[WORST], d.error[TRIM] + d.error[EXTRA], d.error[GAP]
+                if not points and o.n[1] == drawn and codes[i, 1] < DEGRADED:
+                    # Every triangle has two corners in one place: its points alone stand for it.
+                    codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
+                    errors[i, 1] += box_diagonal(o.position[first : o.n[0]])
         for k in range(3):
             ends[i, k] = o.n[k]
     return o, ends, codes, errors
