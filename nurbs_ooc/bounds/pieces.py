@@ -15,7 +15,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, mark_strips, profile_jump, slope_jump
+from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, profile_jump, slope_jump
 from nurbs_ooc.bounds.curve_bounds import NURBS as NURBS_CURVE
 from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
@@ -178,7 +178,7 @@ def _profile_breaks(g: Tables, p: Pieces, row: int, spans: Ints) -> None:
 
 
 @leaf
-def _any_crease(p: Pieces, row: int) -> bool:
+def any_crease(p: Pieces, row: int) -> bool:
     """Whether a surface has a crease at all."""
     at = p.table[row, BREAK_U]
     for k in range(at, at + p.table[row, N_U] + p.table[row, N_V] + 2):
@@ -188,7 +188,7 @@ def _any_crease(p: Pieces, row: int) -> bool:
 
 
 @kernel
-def _fill(g: Tables, p: Pieces, error: float) -> None:
+def _fill(g: Tables, p: Pieces) -> None:
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
     most = 16
     for row in range(len(g.surfaces)):
@@ -203,7 +203,7 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
         s = g.surfaces[row]
         if s.kind != NURBS:
             _profile_breaks(g, p, row, spans[0])
-            p.table[row, CREASED] = _any_crease(p, row)
+            p.table[row, CREASED] = any_crease(p, row)
             continue
         breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + n_u + 1]
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
@@ -218,17 +218,14 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
             spline_bounds(g, row, used, scratch, p.bounds[first:last], p.boxes[first:last])
         _jumps(g, row, True, n_u, breaks_u, breaks_v, n_v, nets)
         _jumps(g, row, False, n_v, breaks_v, breaks_u, n_u, nets)
-        mark_strips(breaks_u, n_u, error, p.bounds[first:last], p.boxes[first:last], True, n_v)
-        mark_strips(breaks_v, n_v, error, p.bounds[first:last], p.boxes[first:last], False, n_u)
-        p.table[row, CREASED] = _any_crease(p, row)
+        p.table[row, CREASED] = any_crease(p, row)
 
 
-def surface_pieces(g: Tables, error: float) -> Pieces:
-    """The pieces of all B-spline surfaces of a part, with bounds.
+def plain_pieces(g: Tables) -> Pieces:
+    """The pieces of all B-spline surfaces of a part, with bounds; no strip is taken for a crease yet.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
-        error: mm; strips between knots that do not matter to it become creases.
 
     Returns:
         The pieces; tagged surfaces have none, or breaks alone.
@@ -249,7 +246,7 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
     table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
     breaks, bounds, boxes = np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES))
     pieces = Pieces(table, breaks, bounds, boxes, np.ones(totals[0]))
-    _fill(g, pieces, error)
+    _fill(g, pieces)
     return pieces
 
 
