@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.jit import kernel
-from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
+from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.strips import PiecesByError
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import Tables, tables
+from nurbs_ooc.tessellation.assemble import Chunk, assemble
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
@@ -38,7 +39,7 @@ from nurbs_ooc.tessellation.face import (
     tessellate_face,
 )
 from nurbs_ooc.tessellation.fallback import box_diagonal
-from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
+from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.workers import chunk_runner
 from nurbs_ooc.tessellation.workspace import larger, new_workspace
 
@@ -97,78 +98,22 @@ def _faces(
 def _run_faces(
     g: Tables, pieces: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints,
     run: Callable[..., list[Any]],
-) -> list[Any]:  # fmt: skip
+) -> list[Chunk]:  # fmt: skip
     """All faces in chunks; ``wanted`` (n_samples,) becomes the largest of the threads' own."""
 
     def chunk(low: int, high: int) -> Any:
         own = np.zeros_like(wanted)
-        return (*_faces(g, pieces, samples, faces, low, high, error, final, own), own)
+        return _faces(g, pieces, samples, faces, low, high, error, final, own), own
 
     results = run(chunk, len(faces))
-    for result in results:
-        np.maximum(wanted, result[4], out=wanted)
-    return results
+    for _, own in results:
+        np.maximum(wanted, own, out=wanted)
+    return [Chunk(*result) for result, _ in results]
 
 
-def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
-    """Exact faces that a gap in the file keeps above the error asked for are healed, and say why.
-
-    Without the gap they would have kept it: what surface and trim take is within the error.
-    """
-    over = (errors.sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
-    kept_open = over & (codes[:, 1] == FaceStatus.EXACT)
-    codes[kept_open, 1] = FaceStatus.HEALED
-    codes[kept_open, 2] = FaceReason.FILE_GAP
-
-
-def _join(geometry: GeometryBatch, faces: Ints, results: list[Any], error: float) -> MeshBatch:
-    """Concatenate the chunks' arrays into one mesh; faces that wait for samples have no vertices in it."""
-    counts = [np.diff(r[1], axis=0, prepend=np.zeros((1, 3), np.int64)) for r in results]
-    per_face = np.concatenate(counts) if counts else np.zeros((0, 3), np.int64)
-    starts = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(per_face, axis=0)])
-    base = np.concatenate([[0], np.cumsum([r[0].n[0] for r in results])]).astype(np.int64)
-    codes = np.concatenate([r[2] for r in results]) if results else np.zeros((0, 3), np.int64)
-    errors = np.concatenate([r[3] for r in results]) if results else np.zeros((0, 3))
-
-    def joined(name: str, which: int, columns: int, dtype: type, offset: bool = False) -> Any:
-        parts = []
-        for r, start in zip(results, base, strict=False):
-            part = getattr(r[0], name)[: r[0].n[which]]
-            parts.append(part + start if offset else part)
-        return np.concatenate(parts) if parts else np.zeros((0, columns), dtype)
-
-    _name_gaps(codes, errors, error)
-    return MeshBatch(
-        faces=faces,
-        vertex_start=starts[:, 0].copy(),
-        triangle_start=starts[:, 1].copy(),
-        segment_start=starts[:, 2].copy(),
-        positions=joined("position", 0, 3, np.float64),
-        normals=joined("normal", 0, 3, np.float64),
-        parameters=joined("uv", 0, 2, np.float64),
-        triangles=joined("triangle", 1, 3, np.int64, offset=True),
-        segments=joined("segment", 2, 2, np.int64, offset=True),
-        surface_error=errors[:, 0].copy(),
-        trim_error=errors[:, 1].copy(),
-        pcurve_error=errors[:, 2] + geometry.surfaces["approximation_error"][faces],
-        status=codes[:, 1].astype(np.uint8),
-        reason=codes[:, 2].astype(np.uint16),
-    )
-
-
-def _waiting(results: list[Any]) -> npt.NDArray[np.bool_]:
+def _waiting(chunks: list[Chunk]) -> npt.NDArray[np.bool_]:
     """Mask of the faces of a round that asked for samples."""
-    return np.concatenate([r[2][:, 0] == NEEDS_SAMPLES for r in results]) if results else np.zeros(0, bool)
-
-
-def _latest(rounds: list[MeshBatch], faces: Ints) -> MeshBatch:
-    """Each of ``faces`` as the last round that did it left it."""
-    if len(rounds) == 1 and np.array_equal(rounds[0].faces, faces):
-        return rounds[0]
-    mesh = join_meshes(rounds)
-    place = np.full(int(mesh.faces.max(initial=-1)) + 1, -1, np.int64)
-    place[mesh.faces] = np.arange(len(mesh.faces))
-    return take_faces(mesh, place[faces])
+    return np.concatenate([c.codes[:, 0] == NEEDS_SAMPLES for c in chunks]) if chunks else np.zeros(0, bool)
 
 
 def _mask(rows: Ints, n: int) -> npt.NDArray[np.bool_]:
@@ -229,25 +174,27 @@ class Tessellator:
             # What is further off does not reach them: edges that none of these uses are not sampled.
             near = with_neighbours(self._g, uses, rows)
             uses = uses_of_faces(uses, _mask(near, n))
-        return _latest(self._rounds(uses, rows, float(chord_error), workers), wished)
+        error = float(chord_error)
+        approximation = self._geometry.surfaces["approximation_error"][wished]
+        return assemble(self._rounds(uses, rows, error, workers), wished, error, approximation)
 
-    def _rounds(self, uses: EdgeUses, rows: Ints, error: float, workers: int) -> list[MeshBatch]:
-        """Meshes of the faces ``rows``, then again and again of those that edges with more samples have changed."""
+    def _rounds(self, uses: EdgeUses, rows: Ints, error: float, workers: int) -> list[tuple[Ints, list[Chunk]]]:
+        """The faces ``rows``, then again and again those that edges with more samples have changed."""
         g, run, run_edges = self._g, chunk_runner(workers), chunk_runner(workers, EDGE_CHUNK)
         pieces = self._pieces.at(error)
         samples = sample_edges(g, pieces, self._curves, uses, error, run_edges)
-        rounds: list[MeshBatch] = []
+        rounds: list[tuple[Ints, list[Chunk]]] = []
         for turn in range(MAX_ROUNDS + 1):
             parts = np.zeros(len(samples.t), np.int64)
-            results = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
-            rounds.append(_join(self._geometry, rows, results, error))
+            chunks = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
+            rounds.append((rows, chunks))
             if not parts.any() or turn == MAX_ROUNDS:
                 break
             samples, changed = split_segments(g, uses, samples, parts, run_edges)
             # Once more: who asked, and who looks at an edge that has changed.
             again = faces_of_edges(g, uses, changed)
-            again[rows[_waiting(results)]] = True
-            rows = np.intersect1d(np.flatnonzero(again), rounds[0].faces)
+            again[rows[_waiting(chunks)]] = True
+            rows = np.intersect1d(np.flatnonzero(again), rounds[0][0])
         return rounds
 
 
