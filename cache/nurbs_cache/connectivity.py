@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import helper, kernel, leaf
 
 EXTRA_BYTES = 16  # at most, per triangle: a byte of codes and three numbers of five bytes
 RING = 16
@@ -55,8 +55,8 @@ def encode_triangles(
     return codes, extras[:n_extras], n_used
 
 
-@helper
-def write_number(extras, at, value):  # type: ignore[no-untyped-def]
+@leaf
+def write_number(extras: npt.NDArray[np.uint8], at: int, value: int) -> int:
     """Zigzag, then seven bits to a byte, the lowest first; returns where to go on."""
     rest = (value << 1) ^ (value >> 63)
     while rest > 127:
@@ -67,8 +67,8 @@ def write_number(extras, at, value):  # type: ignore[no-untyped-def]
     return at + 1
 
 
-@helper
-def read_number(extras, at):  # type: ignore[no-untyped-def]
+@leaf
+def read_number(extras: npt.NDArray[np.uint8], at: int) -> tuple[int, int]:
     """Inverse of ``write_number``: (value, where to go on); five bytes at most."""
     rest = np.int64(0)
     for k in range(5):
@@ -80,8 +80,10 @@ def read_number(extras, at):  # type: ignore[no-untyped-def]
     return (rest >> 1) ^ -(rest & 1), at
 
 
-@helper
-def _encode_vertex(vertex, is_new, extras, at, far, ring, head):  # type: ignore[no-untyped-def]
+@leaf
+def _encode_vertex(
+    vertex: int, is_new: bool, extras: npt.NDArray[np.uint8], at: int, far: int, ring: npt.NDArray[np.int64], head: int
+) -> tuple[int, int, int, int]:
     """(code, where to go on, last far vertex, ring head)."""
     code = np.int64(NEW)
     if not is_new:

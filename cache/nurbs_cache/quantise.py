@@ -29,6 +29,7 @@ MIN_POSITION_BITS, MAX_POSITION_BITS = 8, 21  # 21: a third of a 64-bit word, an
 MIN_NORMAL_BITS, MAX_NORMAL_BITS = 8, 12  # per coordinate: 0.96 to 0.06 degrees
 MAX_COORDINATE = 2.0**60  # mm; beyond, squares and float32 would overflow
 MIN_EXPONENT = -100  # finest step 2**-100 mm, so that steps stay normal numbers in float32
+BLOCK = 256  # positions that are quantised at a time
 _ROUND_UP = 1.0 + 2.0**-50
 _SAFE_SQUARE = 1e-280  # squares below lose digits
 
@@ -74,7 +75,7 @@ def choose_grid(lower: npt.ArrayLike, upper: npt.ArrayLike, bits: int, min_expon
         raise UsageError(f"{bits} bits a position, want {MIN_POSITION_BITS} to {MAX_POSITION_BITS}")
     low: list[float] = np.asarray(lower, np.float64).tolist()
     high: list[float] = np.asarray(upper, np.float64).tolist()
-    largest = max(max(map(abs, low)), max(map(abs, high)))
+    largest = max(map(abs, low + high))
     if not (largest <= MAX_COORDINATE and all(map(math.isfinite, low + high))):
         raise UsageError(f"positions from {low} to {high} mm: want finite numbers up to {MAX_COORDINATE:.3g}")
     # rounding both ends can add one step to the extent
@@ -150,24 +151,30 @@ def normal_error_deg(bits: int) -> float:
 @kernel
 def _measure_box(positions, box):  # type: ignore[no-untyped-def]
     """Row of a position that is not finite, or -1."""
-    x0 = x1 = positions[0, 0]
-    y0 = y1 = positions[0, 1]
-    z0 = z1 = positions[0, 2]
+    n = positions.shape[0]
+    x0 = x1 = u0 = u1 = positions[0, 0]
+    y0 = y1 = v0 = v1 = positions[0, 1]
+    z0 = z1 = w0 = w1 = positions[0, 2]
     finite = True
-    for i in range(positions.shape[0]):
+    # two by two: a minimum need not wait for the one before
+    for pair in range((n + 1) // 2):
+        i = 2 * pair
+        j = min(i + 1, n - 1)
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-        x0, x1 = min(x0, x), max(x1, x)
-        y0, y1 = min(y0, y), max(y1, y)
-        z0, z1 = min(z0, z), max(z1, z)
+        u, v, w = positions[j, 0], positions[j, 1], positions[j, 2]
+        x0, x1, u0, u1 = min(x0, x), max(x1, x), min(u0, u), max(u1, u)
+        y0, y1, v0, v1 = min(y0, y), max(y1, y), min(v0, v), max(v1, v)
+        z0, z1, w0, w1 = min(z0, z), max(z1, z), min(w0, w), max(w1, w)
         finite &= (abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)
+        finite &= (abs(u) < np.inf) & (abs(v) < np.inf) & (abs(w) < np.inf)
     if not finite:
-        for i in range(positions.shape[0]):
+        for i in range(n):
             x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
             if not ((abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)):
                 return i
-    box[0, 0], box[1, 0] = x0, x1
-    box[0, 1], box[1, 1] = y0, y1
-    box[0, 2], box[1, 2] = z0, z1
+    box[0, 0], box[1, 0] = min(x0, u0), max(x1, u1)
+    box[0, 1], box[1, 1] = min(y0, v0), max(y1, v1)
+    box[0, 2], box[1, 2] = min(z0, w0), max(z1, w1)
     return -1
 
 
@@ -176,21 +183,29 @@ def _quantise(positions, inverse_step, base_x, base_y, base_z, steps):  # type: 
     """Largest squared distance, and largest coordinate difference, in steps."""
     squares = 0.0
     single = 0.0
-    for i in range(positions.shape[0]):
-        x = positions[i, 0] * inverse_step
-        y = positions[i, 1] * inverse_step
-        z = positions[i, 2] * inverse_step
-        rx = np.rint(x)
-        ry = np.rint(y)
-        rz = np.rint(z)
-        steps[i, 0] = np.int32(rx - base_x)
-        steps[i, 1] = np.int32(ry - base_y)
-        steps[i, 2] = np.int32(rz - base_z)
-        dx = abs(x - rx)
-        dy = abs(y - ry)
-        dz = abs(z - rz)
-        squares = max(squares, dx * dx + dy * dy + dz * dz)
-        single = max(single, max(dx, max(dy, dz)))
+    n = positions.shape[0]
+    way = np.empty((2, BLOCK))
+    for start in range(0, n, BLOCK):
+        count = min(BLOCK, n - start)
+        for j in range(count):  # in vector registers
+            i = start + j
+            x = positions[i, 0] * inverse_step
+            y = positions[i, 1] * inverse_step
+            z = positions[i, 2] * inverse_step
+            rx = np.rint(x)
+            ry = np.rint(y)
+            rz = np.rint(z)
+            steps[i, 0] = np.int32(rx - base_x)
+            steps[i, 1] = np.int32(ry - base_y)
+            steps[i, 2] = np.int32(rz - base_z)
+            dx = abs(x - rx)
+            dy = abs(y - ry)
+            dz = abs(z - rz)
+            way[0, j] = dx * dx + dy * dy + dz * dz
+            way[1, j] = max(dx, max(dy, dz))
+        for j in range(count):
+            squares = max(squares, way[0, j])
+            single = max(single, way[1, j])
     return squares, single
 
 
@@ -200,12 +215,11 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
     one = np.float32(1.0)
     scale = np.float32(half)
     tiny = np.float32(1e-30)  # shorter ones count as zero vectors
-    for i in range(normals.shape[0]):
-        if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
-            return i
+    finite = True
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         total = abs(x) + abs(y) + abs(z)
+        finite &= total < np.inf
         inverse = one / (total if total > tiny else one)
         u = x * inverse
         v = y * inverse
@@ -216,4 +230,8 @@ def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
         v = folded_v if fold else v
         octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
         octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
+    if not finite:
+        for i in range(normals.shape[0]):
+            if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
+                return i
     return -1
