@@ -43,12 +43,9 @@ def encode_vertices(
         bits: of a normal's coordinate.
     """
     n = len(order)
-    planes = np.empty((MAX_PLANES, 5 * n), np.uint8)
-    used, used_by_normals = _fold_vertices(steps, octahedral, order, predictors, extent, bits, planes)
-    return (
-        planes[:used, : 3 * n].reshape(used, 3, n),
-        planes[:used_by_normals, 3 * n :].reshape(used_by_normals, 2, n),
-    )
+    positions, normals = np.empty((MAX_PLANES, 3 * n), np.uint8), np.empty((MAX_PLANES, 2 * n), np.uint8)
+    n_positions, n_normals = _fold_vertices(steps, octahedral, order, predictors, extent, bits, positions, normals)
+    return positions[:n_positions].reshape(-1, 3, n), normals[:n_normals].reshape(-1, 2, n)
 
 
 def encode_numbers(numbers: npt.NDArray[np.uint32], expected_step: int) -> Bytes:
@@ -69,11 +66,6 @@ def decode_numbers(stream: Bytes, count: int, expected_step: int, limit: int, wh
     if len(numbers) != count or not _read_numbers(stream, expected_step, limit, numbers):
         raise CorruptRecordError(f"tile: the numbers of its {what} are damaged or not below {limit}")
     return numbers
-
-
-@helper
-def _zigzag(value):  # type: ignore[no-untyped-def]
-    return np.uint32((value << 1) ^ (value >> 31))
 
 
 @helper
@@ -107,43 +99,46 @@ def join_planes(low, high, k, width, values):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _planes_of(folded, first, last, planes):  # type: ignore[no-untyped-def]
-    """Cut the numbers of rows ``first`` to ``last`` into bytes; number of planes that they need, at least one."""
-    n = folded.shape[1]
+def _planes_of(differences, bits, planes):  # type: ignore[no-untyped-def]
+    """Cut (k, n) differences modulo 2**bits, zigzagged, into (4, k n) bytes; number of planes needed, at least one."""
+    n = differences.size
+    flat = differences.reshape(-1)
+    folded = np.empty(n, np.uint32)
+    shift = np.int32(32 - bits)
     widest = np.uint32(0)
-    for k in range(first, last):
-        for i in range(n):
-            widest |= folded[k, i]
+    for i in range(n):
+        value = np.int32(flat[i] << shift) >> shift
+        number = np.uint32(np.int32(value << np.int32(1)) ^ (value >> np.int32(31)))
+        folded[i] = number
+        widest |= number
     n_planes = 1
     while n_planes < MAX_PLANES and widest >> np.uint32(8 * n_planes) > 0:
         n_planes += 1
     for p in range(n_planes):
-        for k in range(first, last):
-            plane = planes[p, k * n : (k + 1) * n]
-            for i in range(n):
-                plane[i] = np.uint8(folded[k, i] >> np.uint32(8 * p))
+        plane = planes[p]
+        for i in range(n):
+            plane[i] = np.uint8(folded[i] >> np.uint32(8 * p))
     return n_planes
 
 
 @kernel
-def _fold_vertices(steps, octahedral, order, predictors, extents, bits, planes):  # type: ignore[no-untyped-def]
+def _fold_vertices(  # type: ignore[no-untyped-def]
+    steps, octahedral, order, predictors, extents, bits, position_planes, normal_planes
+):
     """Number of planes of the positions and of the normals."""
     n = order.shape[0]
-    folded = np.empty((5, n), np.uint32)
-    extent_x, extent_y, extent_z = np.int32(extents[0]), np.int32(extents[1]), np.int32(extents[2])
-    shift = np.int32(32 - bits)
+    moved, turned = np.empty((3, n), np.int32), np.empty((2, n), np.int32)
     for i in range(n):
-        own, a, b, d = np.uint32(order[i]), np.uint32(predictors[i, 0]), np.uint32(predictors[i, 1]), np.uint32(predictors[i, 2])
+        own, a = np.uint32(order[i]), np.uint32(predictors[i, 0])
+        b, d = np.uint32(predictors[i, 1]), np.uint32(predictors[i, 2])
         known = np.int32(i > 0)  # nothing comes before vertex 0: its guess is 0
         for k in range(3):
-            extent = extent_x if k == 0 else extent_y if k == 1 else extent_z
             guess = np.int32(steps[a, k] + steps[b, k] - steps[d, k]) * known
-            folded[k, i] = _zigzag(np.int32(steps[own, k] - min(max(guess, np.int32(0)), extent)))
+            moved[k, i] = steps[own, k] - min(max(guess, np.int32(0)), np.int32(extents[k]))
         for k in range(2):
             guess = np.int32(octahedral[a, k] + octahedral[b, k] - octahedral[d, k]) * known
-            # the difference modulo 2**bits, from -2**(bits - 1) on
-            folded[3 + k, i] = _zigzag(np.int32(np.int32(octahedral[own, k] - guess) << shift) >> shift)
-    return _planes_of(folded, 0, 3, planes), _planes_of(folded, 3, 5, planes)
+            turned[k, i] = octahedral[own, k] - guess
+    return _planes_of(moved, 32, position_planes), _planes_of(turned, bits, normal_planes)
 
 
 @helper

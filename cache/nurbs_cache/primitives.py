@@ -82,8 +82,8 @@ def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: 
 @helper
 def _largest(indices):  # type: ignore[no-untyped-def]
     largest = np.uint32(0)
-    for index in indices:
-        largest = max(largest, index)
+    for i in range(indices.shape[0]):
+        largest = max(largest, indices[i])
     return largest
 
 

@@ -79,9 +79,7 @@ def _adjacency(triangles, n_vertices):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def _across(
-    begin: int, end: int, start: Rows, ends: Rows, corners: Rows, done: npt.NDArray[np.bool_]
-) -> int:
+def _across(begin: int, end: int, start: Rows, ends: Rows, corners: Rows, done: npt.NDArray[np.bool_]) -> int:
     """Corner of the last triangle that is left whose edge runs from ``end`` to ``begin``, or -1."""
     low, at = np.uint64(start[np.uint64(end)]), np.uint64(start[np.uint64(end) + np.uint64(1)])
     while at > low:
