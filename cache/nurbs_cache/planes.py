@@ -45,7 +45,7 @@ def encode_vertices(
     n = len(order)
     positions, normals = np.empty((MAX_PLANES, 3 * n), np.uint8), np.empty((MAX_PLANES, 2 * n), np.uint8)
     n_positions, n_normals = _fold_vertices(steps, octahedral, order, predictors, extent, bits, positions, normals)
-    return positions[:n_positions].reshape(-1, 3, n), normals[:n_normals].reshape(-1, 2, n)
+    return positions[:n_positions].reshape(n_positions, 3, n), normals[:n_normals].reshape(n_normals, 2, n)
 
 
 def encode_numbers(numbers: npt.NDArray[np.uint32], expected_step: int) -> Bytes:
