@@ -6,7 +6,7 @@ follow at once from the differences in ``planes``, while those three are still i
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,13 @@ def _walk(codes, extras, n_vertices, triangles, predictors):  # type: ignore[no-
     branch, which would be guessed wrongly every third time. Every corner is below the number of vertices seen so far;
     so is then all that a later vertex is predicted from.
     """
+    a: Any
+    b: Any
+    c: Any
+    at: Any
+    far: Any
+    n_used: Any
+    ring_head: Any
     padded = np.zeros(extras.shape[0] + EXTRA_BYTES, np.uint8)
     padded[: extras.shape[0]] = extras
     first = np.full(RING, np.int64(_NOBODY))
@@ -149,17 +156,17 @@ def _walk(codes, extras, n_vertices, triangles, predictors):  # type: ignore[no-
 
 
 @leaf
-def _decode_vertex(
-    code: int, extras: Bytes, at: int, n_used: int, far: int, ring: npt.NDArray[np.int64], ring_head: int
+def _decode_vertex(  # type: ignore[no-untyped-def]
+    code, extras, at, n_used, far, ring, ring_head
 ) -> tuple[int, int, int, int, int]:
     """(vertex, where to go on, vertices used, last far vertex, ring head); a vertex >= n_used is not there."""
     if code == NEW:
         vertex = n_used
         n_used += 1
     elif code < NEXT:
-        return ring[(ring_head - code) & 15], at, n_used, far, ring_head
+        return int(ring[(ring_head - code) & 15]), at, n_used, far, ring_head
     else:
-        difference = np.int64(1)
+        difference: Any = np.int64(1)
         if code == FAR:
             difference, at = read_number(extras, at)
         vertex = far + difference

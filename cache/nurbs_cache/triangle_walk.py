@@ -13,6 +13,8 @@ times instead of searches. Equal input gives equal bytes, whatever the machine.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -79,34 +81,37 @@ def _adjacency(triangles, n_vertices):  # type: ignore[no-untyped-def]
 
 
 @leaf
-def _across(begin: int, end: int, start: Rows, ends: Rows, corners: Rows, done: npt.NDArray[np.bool_]) -> int:
+def _across(begin, end, start, ends, corners, done) -> int:  # type: ignore[no-untyped-def]
     """Corner of the last triangle that is left whose edge runs from ``end`` to ``begin``, or -1."""
     low, at = np.uint64(start[np.uint64(end)]), np.uint64(start[np.uint64(end) + np.uint64(1)])
     while at > low:
         at -= np.uint64(1)
         if ends[at] == begin and not done[np.uint64(corners[at]) >> np.uint64(2)]:
-            return np.int64(corners[at])
-    return np.int64(-1)
+            return int(corners[at])
+    return -1
 
 
 @leaf
-def _code_vertex(
-    vertex: int, far: int, times: npt.NDArray[np.int32], ring_head: int, extras: npt.NDArray[np.uint8], at: int
-) -> tuple[int, int, int, int]:
+def _code_vertex(vertex, far, times, ring_head, extras, at) -> tuple[int, int, int, int]:  # type: ignore[no-untyped-def]
     """Code of a vertex that was seen before: (code, last far vertex, ring head, where to go on)."""
     age = ring_head - times[vertex]
     if age <= RING_CODES:
-        return np.int64(age), far, ring_head, at
+        return int(age), far, ring_head, at
     code = np.int64(NEXT)
     if vertex != far + 1:
         code = np.int64(FAR)
         at = write_number(extras, at, np.int64(vertex - far))
     times[vertex] = ring_head
-    return code, np.int64(vertex), ring_head + 1, at
+    return int(code), vertex, ring_head + 1, at
 
 
 @kernel
 def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[no-untyped-def]
+    code: Any
+    far: Any
+    ring_head: Any
+    at: Any
+    corner: Any
     vertex, left, start, ends, corners = _adjacency(triangles, labels.shape[0])
     n_triangles = triangles.shape[0]
     done = np.zeros(n_triangles, np.bool_)
