@@ -53,7 +53,10 @@ def build_nodes(
     tiles, records = [], nodes.copy()
     for row, record in enumerate(records):
         own, points = needs.rows_of(row), needs.points_of(row)
-        content = node_content(items[own], slots[own], points, pool, placements, nodes["aabb_min"][row], budget)
+        origin = nodes["aabb_min"][row]
+        content = node_content(
+            items[own], slots[own], points, pool, placements, origin, budget, tunables.PRIMITIVES_PER_NODE
+        )
         data = encoded(content, int(record["level"]), codec)
         name, (_, *counts) = tile_hash(data), tile_counts(data)
         tiles.append((name, data))

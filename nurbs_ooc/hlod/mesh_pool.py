@@ -191,11 +191,19 @@ def _place(
 
 
 def place(
-    pool: MeshPool, slots: npt.NDArray[np.int64], placements: Placements, placement: npt.NDArray[np.int64]
+    pool: MeshPool,
+    slots: npt.NDArray[np.int64],
+    placements: Placements,
+    placement: npt.NDArray[np.int64],
+    extra: int = 0,
 ) -> Soup:
-    """The meshes ``slots`` of the pool, each placed by the row ``placement`` of the transforms."""
+    """The meshes ``slots`` of the pool, each placed by the row ``placement`` of the transforms.
+
+    Args:
+        extra: so many points more, the last vertices; the caller fills in their positions and normals.
+    """
     taken = pool.slots[slots]
-    n = int(taken["n_vertices"].sum(dtype=np.int64))
+    n = int(taken["n_vertices"].sum(dtype=np.int64)) + extra
     positions, normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
     triangles = np.empty((int(taken["n_triangles"].sum(dtype=np.int64)), 3), np.int32)
     segments = np.empty((int(taken["n_segments"].sum(dtype=np.int64)), 2), np.int32)
@@ -205,4 +213,5 @@ def place(
         placements.points, placements.normals, placements.mirrored,
         positions, normals, triangles, segments, points,
     )  # fmt: skip
-    return Soup(positions, normals, triangles, segments, points[:n_points])
+    points[n_points : n_points + extra] = np.arange(n - extra, n)
+    return Soup(positions, normals, triangles, segments, points[: n_points + extra])

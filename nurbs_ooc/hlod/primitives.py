@@ -19,50 +19,63 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel, leaf
+from nurbs_cache.jit import kernel, leaf
 from nurbs_ooc.hlod.cluster import Clusters
 from nurbs_ooc.hlod.hashing import EMPTY, find_slot, new_table, pair_key
 from nurbs_ooc.hlod.soup import Soup
+
+CLEARLY = 1.0 + 1e-4  # ratio of squared areas: far more than rounding, for triangles of no more than a node's size
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int32]
 
 
-@helper
-def _square(a: Array, b: Array) -> float:
-    """Squared distance of two points."""
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+@leaf
+def _square(places: Array, p: int, q: int) -> float:
+    """Squared distance of two places."""
+    x, y, z = places[p, 0] - places[q, 0], places[p, 1] - places[q, 1], places[p, 2] - places[q, 2]
+    return float(x**2 + y**2 + z**2)
 
 
-@helper
-def _area(p: Array, q: Array, r: Array) -> float:
+@leaf
+def _area(places: Array, p: int, q: int, r: int) -> float:
     """Area of a triangle by Heron's formula, in Kahan's stable order."""
-    x, y, z = np.sqrt(_square(p, q)), np.sqrt(_square(q, r)), np.sqrt(_square(r, p))
+    x, y, z = np.sqrt(_square(places, p, q)), np.sqrt(_square(places, q, r)), np.sqrt(_square(places, r, p))
     a, c = max(x, y, z), min(x, y, z)
     b = max(min(x, y), min(max(x, y), z))
-    return 0.25 * np.sqrt(max(0.0, (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))))
+    return float(0.25 * np.sqrt(max(0.0, (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))))
 
 
-@helper
-def _reach(p: Array, q: Array, r: Array, area: float) -> float:
+@leaf
+def _surely_larger(centres: Array, a: int, b: int, c: int, area: float) -> bool:
+    """Whether a triangle of three cells is larger than ``area``, without roots; False where that is a close call."""
+    x0, y0, z0 = centres[a, 0], centres[a, 1], centres[a, 2]
+    x1, y1, z1 = centres[b, 0] - x0, centres[b, 1] - y0, centres[b, 2] - z0
+    x2, y2, z2 = centres[c, 0] - x0, centres[c, 1] - y0, centres[c, 2] - z0
+    x, y, z = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    return bool(x * x + y * y + z * z > CLEARLY * 4.0 * area * area)
+
+
+@leaf
+def _reach(places: Array, p: int, q: int, r: int, area: float) -> float:
     """Smallest radius at which discs around the corners cover the triangle.
 
     That is the circumradius if no angle is obtuse. Else the last point to be covered lies on the longest
     side, where the perpendicular bisector of one of the others crosses it.
     """
-    a, b, c = _square(q, r), _square(r, p), _square(p, q)
+    a, b, c = _square(places, q, r), _square(places, r, p), _square(places, p, q)
     longest = max(a, b, c)
     rest = a + b + c - longest
     if longest < rest and area > 0.0:
-        return np.sqrt(a * b * c) / (4.0 * area)
+        return float(np.sqrt(a * b * c) / (4.0 * area))
     other = min(max(a, b), max(b, c), max(a, c))  # the second longest
     # cos of the angle between the longest side and the second longest, by the law of cosines; the
     # bisector of the second longest crosses further out than that of the shortest.
     cosine = (longest + other - (rest - other)) / (2.0 * np.sqrt(longest * other)) if other > 0.0 else 1.0
-    return 0.5 * np.sqrt(other) / cosine
+    return float(0.5 * np.sqrt(other) / cosine)
 
 
-@helper
+@leaf
 def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, c: int, n: int) -> bool:
     """Insert the n-th kept triangle unless the same cells in the same sense are there already."""
     if b < a and b < c:
@@ -74,8 +87,8 @@ def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, 
     mixed = (mixed ^ np.uint64(c)) * np.uint64(0x165667B19E3779F9)
     slot = np.int64(mixed >> np.uint64(32)) & mask
     while table[slot] != EMPTY:
-        other = kept[np.int64(table[slot])]
-        if other[0] == a and other[1] == b and other[2] == c:
+        other = np.int64(table[slot])
+        if kept[other, 0] == a and kept[other, 1] == b and kept[other, 2] == c:
             return False
         slot = (slot + 1) & mask
     table[slot] = np.uint64(n)
@@ -115,8 +128,11 @@ def _sort_triangles(
             link_moved[n_links] = way
             n_links += 1
         else:
-            area = _area(centres[a], centres[b], centres[c])
-            reach = _reach(centres[a], centres[b], centres[c], area) if area <= small_area else np.inf
+            reach = np.inf
+            if not _surely_larger(centres, a, b, c, small_area):
+                area = _area(centres, a, b, c)
+                if area <= small_area:
+                    reach = _reach(centres, a, b, c, area)
             if way + reach <= allowance:
                 charge = max(charge, way + reach)
                 wants_point[a] = wants_point[b] = wants_point[c] = True
@@ -170,7 +186,7 @@ def _sort_connections(
         table[slot] = key
         if used[slot] >= (2 if is_line else 1):
             continue
-        reach = 0.5 * np.sqrt(_square(centres[a], centres[b]))
+        reach = 0.5 * np.sqrt(_square(centres, a, b))
         if used[slot] == 0 and way + reach <= allowance:
             charge = max(charge, way + reach)
             wants_point[a] = wants_point[b] = True
