@@ -53,9 +53,34 @@ class SurfacePoints:
         return cls(middles, items["normal"], 0.5 * float(diagonals(items).max(initial=0.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedMeshes:
+    """The items of a node that are larger than the error, with their meshes.
+
+    Attributes:
+        items: (n,) ``ITEM_DTYPE``.
+        slots: (n,) ``SLOT_DTYPE``: the mesh of each; one without vertices becomes a point.
+        occurrence: (n,) int64 row of each in the occurrences.
+        errors: (n, 3) surface, trim and p-curve error of each, mm, assembly space.
+    """
+
+    items: npt.NDArray[np.void]
+    slots: npt.NDArray[np.void]
+    occurrence: npt.NDArray[np.int64]
+    errors: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, items: npt.NDArray[np.void], slots: npt.NDArray[np.void], placements: Placements) -> PlacedMeshes:
+        """From the items and their slots."""
+        occurrence = items["occurrence"].astype(np.int64)
+        return cls(items, slots, occurrence, slots["errors"] * placements.stretch[occurrence, None])
+
+    def __getitem__(self, rows: slice | npt.NDArray[np.bool_]) -> PlacedMeshes:
+        return PlacedMeshes(self.items[rows], self.slots[rows], self.occurrence[rows], self.errors[rows])
+
+
 def node_content(
-    items: npt.NDArray[np.void],
-    slots: npt.NDArray[np.int64],
+    meshes: PlacedMeshes,
     points: SurfacePoints,
     pool: MeshPool,
     placements: Placements,
@@ -66,8 +91,7 @@ def node_content(
     """Assemble one node.
 
     Args:
-        items: (n,) ``ITEM_DTYPE``: the items of the subtree that are larger than the error.
-        slots: (n,) the mesh of each in the pool; a mesh without vertices becomes a point.
+        meshes: the items of the subtree that are larger than the error.
         points: the other items.
         pool: meshes in part space.
         placements: one row per occurrence.
@@ -76,28 +100,26 @@ def node_content(
         most: triangles, lines and points together that the node may have; where the budget gives more, its
             clustering is coarsened until they fit, and what that costs is charged.
     """
-    drawn = pool.slots["n_vertices"][slots] > 0
+    drawn = meshes.slots["n_vertices"] > 0
     parts = [points]
     if not drawn.all():
-        parts.append(SurfacePoints.of_items(items[~drawn]))
-        items, slots = items[drawn], slots[drawn]
-    occurrence = items["occurrence"].astype(np.int64)
-    soup = place(pool, slots, placements, occurrence, sum(len(part.positions) for part in parts))
+        parts.append(SurfacePoints.of_items(meshes.items[~drawn]))
+        meshes = meshes[drawn]
+    n_points = sum(len(part.positions) for part in parts)
+    soup = place(pool, meshes.slots, placements, meshes.occurrence, n_points)
     _fill_points(soup, parts)
-    simple, moved = _reduced(soup, origin, budget, most)
-    errors = pool.slots["errors"][slots] * placements.stretch[occurrence, None]
-    ledger = _ledger(errors, max(part.reach for part in parts), moved)
+    simple, moved = reduced(soup, origin, budget, most)
     return TileContent(
         simple.positions,
         simple.normals,
-        simple.triangles.astype(np.uint32),
-        simple.lines.astype(np.uint32),
-        simple.points.astype(np.uint32),
-        ledger,
+        simple.triangles.view(np.uint32),
+        simple.lines.view(np.uint32),
+        simple.points.view(np.uint32),
+        _ledger(meshes.errors, max(part.reach for part in parts), moved),
     )
 
 
-def _reduced(soup: Soup, origin: npt.NDArray[np.float64], budget: NodeBudget, most: int) -> tuple[Soup, float]:
+def reduced(soup: Soup, origin: npt.NDArray[np.float64], budget: NodeBudget, most: int) -> tuple[Soup, float]:
     """Cluster and simplify until there are at most ``most`` primitives; also how far any moved, mm.
 
     A surface's primitives become fewer with the square of the cell: the first guess is usually the last. It ends,

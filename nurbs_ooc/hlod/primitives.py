@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.jit import helper, kernel, leaf
 from nurbs_ooc.hlod.cluster import Clusters
 from nurbs_ooc.hlod.hashing import EMPTY, find_slot, new_table, pair_key
 from nurbs_ooc.hlod.soup import Soup
@@ -96,7 +96,7 @@ def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, 
     return True
 
 
-@kernel
+@helper
 def _sort_triangles(
     triangles: Rows,
     cell: Rows,
@@ -142,7 +142,7 @@ def _sort_triangles(
     return n_kept, n_links, charge
 
 
-@kernel
+@helper
 def _sort_connections(
     triangles: Rows,
     kept: npt.NDArray[np.bool_],
@@ -207,7 +207,7 @@ def _used(row: int, rank: Rows, source: Rows, n: int) -> int:
     return n
 
 
-@kernel
+@helper
 def _compact(
     triangles: Rows,
     kept: npt.NDArray[np.bool_],
@@ -256,7 +256,7 @@ def _compact(
     return n, n_points
 
 
-@kernel
+@leaf
 def _gather(
     source: Rows, clusters_positions: Array, normals: npt.NDArray[np.float32], cell_normals: npt.NDArray[np.float32],
     vertex_cell: Rows, positions: Array, new_normals: npt.NDArray[np.float32],
@@ -271,6 +271,53 @@ def _gather(
             new_normals[i, axis] = cell_normals[c, axis] if whole else normals[row, axis]
 
 
+@kernel
+def _simplify(
+    triangles: Rows,
+    lines: Rows,
+    points: Rows,
+    cell: Rows,
+    vertex: Rows,
+    moved: Array,
+    centres: Array,
+    normals: npt.NDArray[np.float32],
+    cell_normals: npt.NDArray[np.float32],
+    vertex_cell: Rows,
+    small_area: float,
+    allowance: float,
+) -> tuple[Array, npt.NDArray[np.float32], Rows, Rows, Rows, float]:
+    """Positions, normals, triangles, lines and points of the new soup, and the furthest that any moved."""
+    n_cells, n_triangles = len(centres), len(triangles)
+    # triangles that stay, that become points, that become connections
+    wants_point = np.zeros(n_cells, np.bool_)
+    for i in range(len(points)):
+        wants_point[cell[points[i]]] = True
+    kept = np.zeros(n_triangles, np.bool_)
+    links, link_moved = np.empty((n_triangles, 2), np.int32), np.empty(n_triangles)
+    n_kept, n_links, charge = _sort_triangles(
+        triangles, cell, moved, centres, small_area, allowance, kept, wants_point, links, link_moved
+    )
+    # connections and boundary lines that stay
+    connections = np.empty((len(lines) + n_links, 2), np.int32)
+    n_lines, charge_lines = _sort_connections(
+        triangles, kept, n_kept, lines, cell, moved, links[:n_links], link_moved, centres, allowance, wants_point,
+        connections,
+    )  # fmt: skip
+    # what is left, in new numbers
+    new_triangles, new_lines = np.empty((n_kept, 3), np.int32), np.empty((n_lines, 2), np.int32)
+    new_points, source = np.empty(n_cells, np.int32), np.empty(len(vertex_cell) + n_cells, np.int32)
+    n, n_points = _compact(
+        triangles, kept, vertex, vertex_cell, connections[:n_lines], wants_point, new_triangles, new_lines, new_points,
+        source,
+    )  # fmt: skip
+    positions, new_normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
+    _gather(source[:n], centres, normals, cell_normals, vertex_cell, positions, new_normals)
+    furthest = max(charge, charge_lines)
+    for v in range(len(moved)):
+        furthest = max(furthest, moved[v])
+    return positions, new_normals, new_triangles, new_lines, new_points[:n_points].copy(), furthest
+
+
 def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float) -> tuple[Soup, float]:
     """Keep what is drawn of a clustered soup.
 
@@ -283,30 +330,8 @@ def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float
     Returns:
         The new soup, its vertices in order of use, and how far (mm) any primitive moved at most.
     """
-    n_cells, n_triangles = len(clusters.positions), len(soup.triangles)
-    wants_point = np.zeros(n_cells, np.bool_)
-    wants_point[clusters.cell[soup.points]] = True
-    kept = np.zeros(n_triangles, np.bool_)
-    links, link_moved = np.empty((n_triangles, 2), np.int32), np.empty(n_triangles)
-    n_kept, n_links, charge = _sort_triangles(
-        soup.triangles, clusters.cell, clusters.moved, clusters.positions, small_area, allowance, kept, wants_point,
-        links, link_moved,
+    positions, normals, triangles, lines, points, moved = _simplify(
+        soup.triangles, soup.lines, soup.points, clusters.cell, clusters.vertex, clusters.moved, clusters.positions,
+        clusters.normals, clusters.cell_normals, clusters.vertex_cell, small_area, allowance,
     )  # fmt: skip
-    connections = np.empty((len(soup.lines) + n_links, 2), np.int32)
-    n_lines, charge_lines = _sort_connections(
-        soup.triangles, kept, n_kept, soup.lines, clusters.cell, clusters.moved, links[:n_links], link_moved,
-        clusters.positions, allowance, wants_point, connections,
-    )  # fmt: skip
-    triangles, lines = np.empty((n_kept, 3), np.int32), np.empty((n_lines, 2), np.int32)
-    points, source = np.empty(n_cells, np.int32), np.empty(len(clusters.vertex_cell) + n_cells, np.int32)
-    n, n_points = _compact(
-        soup.triangles, kept, clusters.vertex, clusters.vertex_cell, connections[:n_lines], wants_point,
-        triangles, lines, points, source,
-    )  # fmt: skip
-    positions, normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
-    _gather(
-        source[:n], clusters.positions, clusters.normals, clusters.cell_normals, clusters.vertex_cell,
-        positions, normals,
-    )  # fmt: skip
-    moved = max(float(clusters.moved.max(initial=0.0)), charge, charge_lines)
-    return Soup(positions, normals, triangles, lines, points[:n_points]), moved
+    return Soup(positions, normals, triangles, lines, points), moved

@@ -23,6 +23,7 @@ from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
 from nurbs_ooc.geometry.replaced import with_surface
 from nurbs_ooc.geometry.sample_faces import add_cylinder, add_plane, add_sphere
 from nurbs_ooc.geometry.subset import subset
+from nurbs_ooc.measure.verify_cache import verify_cache
 from nurbs_ooc.tessellation.tessellate import tessellate
 from tests.ooc.scenes import IDENTITY, RED, hash_of, run_build, turned, write_scene
 
@@ -153,6 +154,7 @@ def test_a_surface_that_leaves_its_place_stays_inside_the_boxes(cache: Path) -> 
         rebuild_stale.rebuild_stale(store)
         check_tree(store)
         assert (store.get_nodes()["tile_hash"] != b"").all()
+        assert not verify_cache(store, samples=20_000).violations
 
 
 def test_only_its_levels_of_detail_are_dropped(cache: Path) -> None:
