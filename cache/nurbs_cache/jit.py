@@ -23,10 +23,12 @@ from typing import Any, ParamSpec, Self, TypeVar, cast
 import llvmlite.binding
 import numba
 import numpy as np
+from llvmlite import ir
 from numba.core import event, types
 from numba.core.caching import _CacheLocator
 from numba.core.codegen import CPUCodeLibrary, JITCPUCodegen
 from numba.core.types.misc import unliteral
+from numba.np import arrayobj
 
 from nurbs_cache.compile_notice import compiling
 
@@ -157,6 +159,7 @@ def drop_unused_kernels() -> None:
 _optimize = CPUCodeLibrary._optimize_final_module
 _finalize = CPUCodeLibrary.finalize
 _set_env = JITCPUCodegen.set_env
+_fix_integer_index = arrayobj.fix_integer_index
 
 
 def _optimize_kernel(library: Any) -> None:
@@ -214,9 +217,21 @@ def _is_helper(library: Any) -> bool:
     return library.name in _helpers and library.name not in _kernels
 
 
+def _fix_index(context: Any, builder: Any, index_type: Any, index: Any, size: Any) -> Any:
+    """Take an index of our functions as it is: none counts from the end, unless it is a constant.
+
+    numba asks of every index whether it is negative; where most of the time goes into triangles that know one another
+    by number, the questions are a tenth of it. With bounds checked a negative index is an error.
+    """
+    if isinstance(index, ir.Constant) or "nurbs_" not in builder.function.name:
+        return _fix_integer_index(context, builder, index_type, index, size)
+    return context.cast(builder, index, index_type, types.intp)
+
+
 CPUCodeLibrary._optimize_final_module = _optimize_kernel
 CPUCodeLibrary.finalize = _finalize_kernel
 JITCPUCodegen.set_env = _set_kernel_env
+arrayobj.fix_integer_index = _fix_index
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:

@@ -179,6 +179,15 @@ def profile_jump(g: Tables, curve: int, t0: float, t: float, t1: float) -> float
 
 
 @leaf
+def has_strips(breaks: Floats, n: int) -> bool:
+    """Whether any of the ``n`` spans of one direction is thin beside the one before it: else no error marks any."""
+    for i in range(1, n - 1):
+        if breaks[i + 1, VALUE] - breaks[i, VALUE] < THIN * (breaks[i, VALUE] - breaks[i - 1, VALUE]):
+            return True
+    return False
+
+
+@leaf
 def mark_strips(
     breaks: Floats, n: int, error: float, bounds: Floats, boxes: Floats, along_u: bool, others: int
 ) -> None:

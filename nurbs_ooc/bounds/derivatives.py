@@ -50,69 +50,74 @@ OUTWARD = 1.0 + 2.0**-44
 
 
 @leaf
-def _difference(net: Floats, at: int, step_a: int, step_b: int, order: int, k: int) -> float:
-    """One component of a first (order 1), second (2) or mixed (3) difference of the flat net."""
-    if order == 1:
-        return net[at + step_a + k] - net[at + k]
-    if order == 2:
-        return net[at + 2 * step_a + k] - 2.0 * net[at + step_a + k] + net[at + k]
-    return net[at + step_a + step_b + k] - net[at + step_a + k] - net[at + step_b + k] + net[at + k]
+def _subtract(values: Floats, n: int, step: int, out: Floats) -> None:
+    """``out[m]`` = values[m + step] - values[m], m < n."""
+    for m in range(n):
+        out[m] = values[m + step] - values[m]
 
 
 @leaf
-def _largest(net: Floats, p: int, q: int, dim: int, di: int, dj: int, scale: float, out: Floats, box: Floats) -> None:
-    """``scale`` times the (di, dj) differences of a flat net: largest norms of the spatial part and of the weights.
+def _largest(net: Floats, rows: int, columns: int, stride: int, dim: int, scale: float, out: Floats) -> None:
+    """Largest norm of the spatial part and largest weight of rows x columns points of a flat net, times ``scale`` >= 0.
 
-    They go to ``out`` (2,), the box of the spatial part to ``box`` (6,): three lows, three highs.
+    They go to ``out`` (2,); a row begins ``stride`` numbers after the one before.
     """
-    step_u = (q + 1) * dim
-    step_v = dim
-    order = 3
-    step_a, step_b = step_u, step_v
-    if dj == 0:
-        order = di
-    elif di == 0:
-        order = dj
-        step_a = step_v
     best = 0.0
     best_w = 0.0
-    for k in range(3):
-        box[k], box[3 + k] = np.inf, -np.inf
-    for i in range(p + 1 - di):
-        for j in range(q + 1 - dj):
-            at = i * step_u + j * step_v
+    for i in range(rows):
+        for at in range(i * stride, i * stride + columns * dim, dim):
+            best = max(best, net[at] * net[at] + net[at + 1] * net[at + 1] + net[at + 2] * net[at + 2])
             if dim == 4:
-                best_w = max(best_w, abs(_difference(net, at, step_a, step_b, order, 3)))
-            size = 0.0
-            for k in range(3):
-                d = scale * _difference(net, at, step_a, step_b, order, k)
-                box[k], box[3 + k] = min(box[k], d), max(box[3 + k], d)
-                size += d * d
-            best = max(best, size)
-    if p < di or q < dj:
-        for k in range(6):
-            box[k] = 0.0
-    out[0] = math.sqrt(best)
+                best_w = max(best_w, abs(net[at + 3]))
+    out[0] = scale * math.sqrt(best)
     out[1] = scale * best_w
 
 
 @leaf
-def _second_sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
-    """Bounds of the second derivatives of a flat net to ``out[MUU:]`` (5, 2): of its spatial part and of its weights.
-
-    ``boxes`` (BOXES,) gets their boxes.
-    """
-    _largest(net, p, q, dim, 2, 0, p * (p - 1) / (h_u * h_u), out[MUU], boxes[0:6])
-    _largest(net, p, q, dim, 1, 1, p * q / (h_u * h_v), out[MUV], boxes[6:12])
-    _largest(net, p, q, dim, 0, 2, q * (q - 1) / (h_v * h_v), out[MVV], boxes[12:18])
+def _box(net: Floats, rows: int, columns: int, stride: int, dim: int, scale: float, box: Floats) -> None:
+    """The box of the spatial parts of the same points, to ``box`` (6,): three lows, three highs; 0 of none."""
+    low_x, low_y, low_z = np.inf, np.inf, np.inf
+    high_x, high_y, high_z = -np.inf, -np.inf, -np.inf
+    for i in range(rows):
+        for at in range(i * stride, i * stride + columns * dim, dim):
+            x, y, z = net[at], net[at + 1], net[at + 2]
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    if rows <= 0 or columns <= 0:
+        low_x, low_y, low_z, high_x, high_y, high_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    box[0], box[1], box[2] = scale * low_x, scale * low_y, scale * low_z
+    box[3], box[4], box[5] = scale * high_x, scale * high_y, scale * high_z
 
 
 @leaf
-def _sizes(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats, boxes: Floats) -> None:
-    """As ``_second_sizes``, for all five derivatives."""
-    _largest(net, p, q, dim, 1, 0, p / h_u, out[LU], boxes[0:6])
-    _largest(net, p, q, dim, 0, 1, q / h_v, out[LV], boxes[0:6])
-    _second_sizes(net, p, q, dim, h_u, h_v, out, boxes)
+def _sizes(
+    net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, first: bool, out: Floats, boxes: Floats
+) -> None:
+    """Bounds of the derivatives of a flat net to ``out`` (5, 2): of its spatial part and of its weights.
+
+    ``boxes`` (BOXES,) gets the boxes of the second ones; without ``first`` those are all.
+    """
+    width = (q + 1) * dim
+    once, twice = local_line(LIFTED_SIZE), local_line(LIFTED_SIZE)
+    # Differences of all numbers alike; what they make of the ends of rows is not looked at.
+    _subtract(net, p * width, width, once)
+    if first:
+        _largest(once, p, q + 1, width, dim, p / h_u, out[LU])
+    _subtract(once, (p - 1) * width, width, twice)
+    scale = p * (p - 1) / (h_u * h_u)
+    _largest(twice, p - 1, q + 1, width, dim, scale, out[MUU])
+    _box(twice, p - 1, q + 1, width, dim, scale, boxes[0:6])
+    _subtract(net, (p + 1) * width - dim, dim, once)
+    if first:
+        _largest(once, p + 1, q, width, dim, q / h_v, out[LV])
+    _subtract(once, p * width - dim, width, twice)
+    scale = p * q / (h_u * h_v)
+    _largest(twice, p, q, width, dim, scale, out[MUV])
+    _box(twice, p, q, width, dim, scale, boxes[6:12])
+    _subtract(once, (p + 1) * width - 2 * dim, dim, twice)
+    scale = q * (q - 1) / (h_v * h_v)
+    _largest(twice, p + 1, q - 1, width, dim, scale, out[MVV])
+    _box(twice, p + 1, q - 1, width, dim, scale, boxes[12:18])
 
 
 @leaf
@@ -144,21 +149,25 @@ def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
 @leaf
 def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
     """The flat net of (w (S - A), w), of degrees (p + 1) x (q + 1): degree elevation with A taken off on the way."""
-    for i in range(p + 2):
-        for j in range(q + 2):
-            to = (i * (q + 2) + j) * 4
-            for k in range(4):
-                out[to + k] = 0.0
+    a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
+    u0, u1, u2 = a[1, 0], a[1, 1], a[1, 2]
+    v0, v1, v2 = a[2, 0], a[2, 1], a[2, 2]
+    for m in range(4 * (p + 2) * (q + 2)):
+        out[m] = 0.0
+    for i in range(p + 1):
+        for j in range(q + 1):
+            at = 4 * (i * (q + 1) + j)
+            x, y, z, w = net[at], net[at + 1], net[at + 2], net[at + 3]
+            # A point goes to four, those further along u or v with A further on.
             for di in range(2):
-                share_u = i / (p + 1.0) if di == 1 else 1.0 - i / (p + 1.0)
+                share_u = (i + 1.0) / (p + 1.0) if di == 1 else (p + 1.0 - i) / (p + 1.0)
                 for dj in range(2):
-                    share = share_u * (j / (q + 1.0) if dj == 1 else 1.0 - j / (q + 1.0))
-                    if share > 0.0:
-                        at = ((i - di) * (q + 1) + j - dj) * 4
-                        w = net[at + 3]
-                        out[to + 3] += share * w
-                        for k in range(3):
-                            out[to + k] += share * (net[at + k] - w * (a[0, k] + di * a[1, k] + dj * a[2, k]))
+                    share = share_u * ((j + 1.0) / (q + 1.0) if dj == 1 else (q + 1.0 - j) / (q + 1.0))
+                    to = 4 * ((i + di) * (q + 2) + j + dj)
+                    out[to] += share * (x - w * (a0 + di * u0 + dj * v0))
+                    out[to + 1] += share * (y - w * (a1 + di * u1 + dj * v1))
+                    out[to + 2] += share * (z - w * (a2 + di * u2 + dj * v2))
+                    out[to + 3] += share * w
 
 
 @leaf
@@ -178,7 +187,7 @@ def _rational_bounds(
         w = lifted[at + 3]
         w_min, w_max = min(w_min, w), max(w_max, w)
         r = max(r, math.sqrt(lifted[at] ** 2 + lifted[at + 1] ** 2 + lifted[at + 2] ** 2) / w)
-    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, sizes, boxes)
+    _sizes(lifted, p + 1, q + 1, 4, h_u, h_v, True, sizes, boxes)
     w_u, w_v = sizes[LU, 1], sizes[LV, 1]
     t_u = (sizes[LU, 0] + r * w_u) / w_min
     t_v = (sizes[LV, 0] + r * w_v) / w_min
@@ -216,7 +225,7 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
     if dim == 4:
         _rational_bounds(net, p, q, h_u, h_v, sizes, out, boxes)
     else:
-        _sizes(net, p, q, dim, h_u, h_v, sizes, boxes)
+        _sizes(net, p, q, dim, h_u, h_v, True, sizes, boxes)
         for k in range(5):
             out[k] = sizes[k, 0]
     for k in range(5):
@@ -232,6 +241,6 @@ def second_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float,
         out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
         return
     sizes = local_table(5, 2)
-    _second_sizes(net, p, q, dim, h_u, h_v, sizes, out[3:])
+    _sizes(net, p, q, dim, h_u, h_v, False, sizes, out[3:])
     for k in range(3):
         out[k] = sizes[MUU + k, 0] * OUTWARD

@@ -13,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
-from nurbs_cache.local_array import local_line
+from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, mark_strips, profile_jump, slope_jump
+from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, profile_jump, slope_jump
 from nurbs_ooc.bounds.curve_bounds import NURBS as NURBS_CURVE
 from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
-from nurbs_ooc.geometry.bezier_net import NET, bezier_net
+from nurbs_ooc.geometry.bezier_net import LINE, NET, bezier_net, net_of_span
+from nurbs_ooc.geometry.bspline import bezier_weights, find_span
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
@@ -37,13 +38,15 @@ MODEST = 2.0
 WIDEST = 2.0**-6
 NARROWEST = 2.0**-30
 # Columns of ``Pieces.table``.
-FIRST, N_U, N_V, BREAK_U, BREAK_V = 0, 1, 2, 3, 4
+FIRST, N_U, N_V, BREAK_U, BREAK_V, CREASED = 0, 1, 2, 3, 4, 5
 
 
 class Pieces(NamedTuple):
     """Piece (i, j) of a surface is row ``FIRST + i * N_V + j``; its box lies between breaks."""
 
-    table: Ints  # (n_surfaces, 5): first piece, pieces in u and v (0: none, no breaks either), offsets of breaks
+    table: (
+        Ints  # (n_surfaces, 6): first piece, pieces in u and v (0: none, no breaks either), offsets of breaks, CREASED
+    )
     breaks: Floats  # (n, 4): value, and what ``creases`` says of it
     bounds: Floats  # (n_pieces, 5): |S_u|, |S_v|, |S_uu|, |S_uv|, |S_vv|
     boxes: Floats  # (n_pieces, BOXES): boxes of the vectors S_uu, S_uv, S_vv
@@ -126,10 +129,17 @@ def _list_spans(
 def _rational_bounds(g: Tables, p: Pieces, row: int, breaks_u: Floats, breaks_v: Floats, net: Floats) -> None:
     """Bounds of the pieces of a rational surface, from their Bézier nets."""
     s = g.surfaces[row]
-    for i in range(p.table[row, N_U]):
-        for j in range(p.table[row, N_V]):
-            u0, u1, v0, v1 = breaks_u[i, 0], breaks_u[i + 1, 0], breaks_v[j, 0], breaks_v[j + 1, 0]
-            dim = bezier_net(g, row, u0, u1, v0, v1, net)
+    along_u = local_table(LINE, LINE)
+    along_v = local_table(LINE, LINE)
+    for j in range(p.table[row, N_V]):
+        v0, v1 = breaks_v[j, 0], breaks_v[j + 1, 0]
+        span_v = find_span(g.values, s.knots_v, s.n_v, s.degree_v, 0.5 * (v0 + v1))
+        bezier_weights(g.values, s.knots_v, span_v, s.degree_v, v0, v1, along_v)
+        for i in range(p.table[row, N_U]):
+            u0, u1 = breaks_u[i, 0], breaks_u[i + 1, 0]
+            span_u = find_span(g.values, s.knots_u, s.n_u, s.degree_u, 0.5 * (u0 + u1))
+            bezier_weights(g.values, s.knots_u, span_u, s.degree_u, u0, u1, along_u)
+            dim = net_of_span(g, row, span_u, span_v, along_u, along_v, net)
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
             net_bounds(net, s.degree_u, s.degree_v, dim, u1 - u0, v1 - v0, p.bounds[piece], p.boxes[piece])
             p.spread[piece] = weight_spread(net, (s.degree_u + 1) * (s.degree_v + 1))
@@ -167,8 +177,18 @@ def _profile_breaks(g: Tables, p: Pieces, row: int, spans: Ints) -> None:
             breaks[i, JUMP] = profile_jump(g, s.profile, breaks[i - 1, VALUE], breaks[i, VALUE], breaks[i + 1, VALUE])
 
 
+@leaf
+def any_crease(p: Pieces, row: int) -> bool:
+    """Whether a surface has a crease at all."""
+    at = p.table[row, BREAK_U]
+    for k in range(at, at + p.table[row, N_U] + p.table[row, N_V] + 2):
+        if p.breaks[k, JUMP] > 0.0:
+            return True
+    return False
+
+
 @kernel
-def _fill(g: Tables, p: Pieces, error: float) -> None:
+def _fill(g: Tables, p: Pieces) -> None:
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
     most = 16
     for row in range(len(g.surfaces)):
@@ -183,6 +203,7 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
         s = g.surfaces[row]
         if s.kind != NURBS:
             _profile_breaks(g, p, row, spans[0])
+            p.table[row, CREASED] = any_crease(p, row)
             continue
         breaks_u = p.breaks[p.table[row, BREAK_U] : p.table[row, BREAK_U] + n_u + 1]
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
@@ -197,16 +218,14 @@ def _fill(g: Tables, p: Pieces, error: float) -> None:
             spline_bounds(g, row, used, scratch, p.bounds[first:last], p.boxes[first:last])
         _jumps(g, row, True, n_u, breaks_u, breaks_v, n_v, nets)
         _jumps(g, row, False, n_v, breaks_v, breaks_u, n_u, nets)
-        mark_strips(breaks_u, n_u, error, p.bounds[first:last], p.boxes[first:last], True, n_v)
-        mark_strips(breaks_v, n_v, error, p.bounds[first:last], p.boxes[first:last], False, n_u)
+        p.table[row, CREASED] = any_crease(p, row)
 
 
-def surface_pieces(g: Tables, error: float) -> Pieces:
-    """The pieces of all B-spline surfaces of a part, with bounds.
+def plain_pieces(g: Tables) -> Pieces:
+    """The pieces of all B-spline surfaces of a part, with bounds; no strip is taken for a crease yet.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
-        error: mm; strips between knots that do not matter to it become creases.
 
     Returns:
         The pieces; tagged surfaces have none, or breaks alone.
@@ -214,7 +233,7 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
     n = len(g.surfaces)
     n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
     _count(g, n_u, n_v)
-    table = np.zeros((n, 5), np.int64)
+    table = np.zeros((n, 6), np.int64)
     table[:, N_U], table[:, N_V] = n_u, n_v
     totals = []
     for column, counts in (
@@ -227,7 +246,7 @@ def surface_pieces(g: Tables, error: float) -> Pieces:
     table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
     breaks, bounds, boxes = np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES))
     pieces = Pieces(table, breaks, bounds, boxes, np.ones(totals[0]))
-    _fill(g, pieces, error)
+    _fill(g, pieces)
     return pieces
 
 
@@ -341,6 +360,8 @@ def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, o
 @leaf
 def creases_in_box(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float) -> float:
     """What creases add to the deviation of a linear interpolant over a parameter box, mm."""
+    if p.table[row, CREASED] == 0:
+        return 0.0
     charge = 0.0
     for direction in range(2):
         n = p.table[row, N_U] if direction == 0 else p.table[row, N_V]

@@ -27,8 +27,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
+from nurbs_ooc.bounds.derivatives import BOXES
 
 Floats = npt.NDArray[np.float64]
+
+# What is known of second derivatives: |S_uu|, |S_uv|, |S_vv|, the boxes of these vectors, the boxes' radii.
+RADII = 3 + BOXES
+MEASURES = RADII + 3
 
 
 @leaf
@@ -57,12 +62,13 @@ def _form(boxes: Floats, x: float, y: float) -> float:
 
 
 @leaf
-def _radius(boxes: Floats, at: int) -> float:
-    """Half the diagonal of the box at ``at``."""
-    size = 0.0
-    for k in range(3):
-        size += (boxes[at + 3 + k] - boxes[at + k]) ** 2
-    return 0.5 * math.sqrt(size)
+def box_radii(m: Floats) -> None:
+    """Half the diagonals of the boxes of the second derivatives ``m[3:21]``, to ``m[21:24]``."""
+    for which in range(3):
+        size = 0.0
+        for k in range(3 + 6 * which, 6 + 6 * which):
+            size += (m[k + 3] - m[k]) ** 2
+        m[RADII + which] = 0.5 * math.sqrt(size)
 
 
 @leaf
@@ -117,26 +123,27 @@ def norm_bound(
 def vector_bound(
     m: Floats, x0: float, y0: float, x1: float, y1: float, x2: float, y2: float, du: float, dv: float
 ) -> float:
-    """The same from the boxes of the second derivatives, which follow the norms in ``m`` (see ``net_bounds``)."""
+    """The same from the boxes of the second derivatives and their radii, which follow the norms in ``m``."""
     a = max(x0, x1, x2) - min(x0, x1, x2)
     b = max(y0, y1, y2) - min(y0, y1, y2)
     boxes = m[3:]
     p = _form(boxes, x1 - x0, y1 - y0)
     q = _form(boxes, x2 - x0, y2 - y0)
     r = _form(boxes, x2 - x1, y2 - y1)
-    rest = a * a * _radius(boxes, 0) + 2.0 * a * b * _radius(boxes, 6) + b * b * _radius(boxes, 12)
+    rest = a * a * m[RADII] + 2.0 * a * b * m[RADII + 1] + b * b * m[RADII + 2]
     return 0.5 * largest_mean(p, q, r) + 0.125 * rest + _slack(m, a, b, du, dv)
 
 
 @leaf
-def grid_bounds(m: Floats, boxes: Floats) -> tuple[float, float, float]:
+def grid_bounds(m: Floats) -> tuple[float, float, float]:
     """Effective |S_uu|, |S_uv|, |S_vv| for planning a grid of halved rectangles over a cell.
 
     The middles' part is scaled by what the bound of a right triangle saves on the sum of norms, at the
     shape that spends as much on either side; radii are added. No promise: triangles are checked one by one.
     """
+    boxes = m[3:]
     uu, uv, vv = _middle(boxes, 0), _middle(boxes, 6), _middle(boxes, 12)
-    r_uu, r_uv, r_vv = _radius(boxes, 0), _radius(boxes, 6), _radius(boxes, 12)
+    r_uu, r_uv, r_vv = m[RADII], m[RADII + 1], m[RADII + 2]
     scale = 1.0
     if uu > 0.0 and vv > 0.0:
         x, y = 1.0 / math.sqrt(uu), 1.0 / math.sqrt(vv)

@@ -13,10 +13,14 @@ from nurbs_cache import record
 from nurbs_cache.errors import CorruptRecordError
 from nurbs_cache.face_record import FACE_REPORT_DTYPE
 from nurbs_cache.node_record import ITEM_DTYPE
+from nurbs_cache.surface_record import GeometryBatch
+from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.crew import Crew
 from nurbs_ooc.build.spill import new_file
-from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun, geometry_around
+from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun
 from nurbs_ooc.build.workshop import Bench, Workshop
+from nurbs_ooc.geometry.join import join_parts
+from nurbs_ooc.geometry.subset import subset
 from nurbs_ooc.hierarchy.boxes import PartSketch, placed_items, sketch_part
 
 _COUNTS = struct.Struct("<II")  # items, faces
@@ -49,8 +53,7 @@ def box_run(bench: Bench, number: int) -> Path:
     run = bench.runs[number]
     path = bench.shop.spill / f"{run.name}.boxes"
     if not _left_from_before(path):
-        boxes = [_box_slice(bench, piece) for piece in run.slices]
-        items, materials, faces = (np.concatenate(column) for column in zip(*boxes, strict=True))
+        items, materials, faces = _boxes(bench, run)
         content = _COUNTS.pack(len(items), len(faces)) + items.tobytes() + materials.tobytes() + faces.tobytes()
         with new_file(path) as file:
             file.write(record.pack(content))
@@ -82,15 +85,27 @@ def _left_from_before(path: Path) -> bool:
     return True
 
 
-def _box_slice(bench: Bench, piece: PartSlice) -> Boxes:
-    geometry = bench.store.get_part(piece.part)
-    rows = np.arange(piece.first_row, piece.first_row + piece.n_surfaces)
-    own_materials = geometry.surfaces["material"][rows]
-    if piece.whole:
-        sketch = sketch_part(geometry)
-    else:
-        near, rows = geometry_around(geometry, rows)
-        sketch = sketch_part(near, rows=rows)
+def _boxes(bench: Bench, run: SurfaceRun) -> Boxes:
+    """Sketch all surfaces of a run together, and place them part by part."""
+    parts = [_surfaces_of(bench.store, piece) for piece in run.slices]
+    sketch = sketch_part(join_parts(parts))
+    placed, at = [], 0
+    for piece, part in zip(run.slices, parts, strict=True):
+        own = sketch.of_rows(at, at + piece.n_surfaces)
+        placed.append(_place(bench, piece, own, part.surfaces["material"]))
+        at += piece.n_surfaces
+    items, materials, faces = (np.concatenate(column) for column in zip(*placed, strict=True))
+    return items, materials, faces
+
+
+def _surfaces_of(store: TypedStore, piece: PartSlice) -> GeometryBatch:
+    """The surfaces of a slice; boxes need no neighbours."""
+    part = store.get_part(piece.part)
+    return part if piece.whole else subset(part, np.arange(piece.first_row, piece.first_row + piece.n_surfaces))
+
+
+def _place(bench: Bench, piece: PartSlice, sketch: PartSketch, own_materials: npt.NDArray[np.int32]) -> Boxes:
+    """A slice as often as it occurs."""
     placed = bench.occurrences_of(piece.part)
     items = placed_items(sketch, piece.first_surface, placed, bench.occurrences["transform"][placed])
     override = bench.occurrences["material"][items["occurrence"]]

@@ -1,7 +1,7 @@
 """Stage 4: every mesh that a node needs, run by run of surfaces, to files.
 
-Each part is read once and tessellated at all its levels in a row; however many nodes and placements show
-a surface at a level, its mesh is made once.
+The parts of a run are read once and tessellated together, at all their levels in a row; however many nodes
+and placements show a surface at a level, its mesh is made once.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from nurbs_ooc.build.crew import Crew
 from nurbs_ooc.build.face_report import add_to_report, worst_rows
 from nurbs_ooc.build.fragments import checked_slots, write_fragments
 from nurbs_ooc.build.mesh_demand import SURFACE_MASK, Keys, MeshDemand, key_surfaces
-from nurbs_ooc.build.surface_meshes import mesh_part
-from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun
+from nurbs_ooc.build.run_geometry import RunGeometry
+from nurbs_ooc.build.surface_meshes import mesh_levels
+from nurbs_ooc.build.surface_runs import SurfaceRun
 from nurbs_ooc.build.workshop import Bench, Workshop
-from nurbs_ooc.hlod.mesh_pool import MeshPool
 
 
 class MeshJob(NamedTuple):
@@ -45,8 +45,7 @@ def mesh_jobs(runs: Sequence[SurfaceRun], missing: MeshDemand, demand: MeshDeman
     for number, run in enumerate(runs):
         keys = missing.of_surfaces(run.first_surface, run.n_surfaces)
         if len(keys):
-            first, last = run.slices[0].first_of_part, run.slices[-1].first_of_part + run.slices[-1].n_part
-            jobs.append(MeshJob(number, keys, demand.of_surfaces(first, last - first)))
+            jobs.append(MeshJob(number, keys, demand.of_surfaces(*run.surfaces_of_parts)))
     return jobs
 
 
@@ -60,9 +59,8 @@ def mesh_run(bench: Bench, job: MeshJob) -> npt.NDArray[np.void]:
     path = bench.shelf.path_of(run)
     slots = _left_from_before(path, job.keys)
     if slots is None:
-        pools = [pool for piece in run.slices for pool in _mesh_slice(bench.store, piece, job)]
-        pools.sort(key=lambda pool: int(pool.slots["key"][0]))
-        slots = write_fragments(path, pools)
+        near = RunGeometry.load(bench.store, run.slices, np.unique(key_surfaces(job.keys)))
+        slots = write_fragments(path, mesh_levels(near, job.keys, job.demanded))
         bench.rest()
     return worst_rows(slots["key"] & SURFACE_MASK, slots["status"], slots["reason"], slots["errors"].sum(axis=1))
 
@@ -76,20 +74,6 @@ def _left_from_before(path: Path, keys: Keys) -> npt.NDArray[np.void] | None:
     except CorruptRecordError:
         return None
     return slots if np.isin(keys, slots["key"]).all() else None
-
-
-def _mesh_slice(store: TypedStore, piece: PartSlice, job: MeshJob) -> list[MeshPool]:
-    """The meshes of a slice that the job asks for, one pool a level."""
-    own = _among(job.keys, piece.first_surface, piece.n_surfaces)
-    if not len(own):
-        return []
-    demanded = _among(job.demanded, piece.first_of_part, piece.n_part)
-    return mesh_part(store.get_part(piece.part), piece.first_of_part, own, demanded)
-
-
-def _among(keys: Keys, first_surface: int, count: int) -> Keys:
-    surfaces = key_surfaces(keys)
-    return keys[(surfaces >= first_surface) & (surfaces < first_surface + count)]
 
 
 def mesh_surfaces_of_runs(

@@ -1,6 +1,6 @@
-"""Tessellates surfaces of one part at the levels that nodes need, each (level, surface) once.
+"""Tessellates surfaces at the levels that nodes need, each (level, surface) once.
 
-At each level the part counts as consisting of the surfaces that any node shows at that level, whichever of
+At each level a part counts as consisting of the surfaces that any node shows at that level, whichever of
 them are made now: they meet vertex for vertex, and what they meet does not depend on who asks. The others
 stay out; most are far larger, and to tessellate them so finely only for the sake of a neighbour took
 half of the time.
@@ -10,42 +10,46 @@ from __future__ import annotations
 
 import numpy as np
 
-from nurbs_cache.surface_record import GeometryBatch
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.mesh_demand import Keys, MeshDemand, key_levels, key_surfaces
-from nurbs_ooc.build.surface_runs import geometry_around
-from nurbs_ooc.geometry.subset import subset
+from nurbs_ooc.build.run_geometry import Ids, RunGeometry
+from nurbs_ooc.build.surface_runs import surface_runs
 from nurbs_ooc.hlod.mesh_pool import MeshPool
-from nurbs_ooc.tessellation.tessellate import tessellate
+from nurbs_ooc.tessellation.tessellate import Tessellator
 
 
-def mesh_part(
-    geometry: GeometryBatch, first_surface: int, keys: Keys, demanded: Keys, workers: int = 1
-) -> list[MeshPool]:
-    """Tessellate surfaces of a part.
+def mesh_levels(near: RunGeometry, keys: Keys, demanded: Keys, workers: int = 1) -> list[MeshPool]:
+    """Tessellate surfaces at one level after the other.
 
     Args:
-        geometry: the part.
-        first_surface: id of its first surface.
-        keys: mesh keys of this part, ascending.
-        demanded: all mesh keys of this part that any node needs, ascending; ``keys`` among them.
+        near: the surfaces with those beside them.
+        keys: mesh keys, ascending.
+        demanded: all mesh keys of their parts that any node needs, ascending; ``keys`` among them.
         workers: threads.
 
     Returns:
         One pool a level, ascending levels.
     """
+    tessellator = Tessellator(near.geometry)
     levels, demanded_levels = key_levels(keys), key_levels(demanded)
     pools = []
     for level in np.unique(levels).tolist():
         own = keys[levels == level]
-        rows = key_surfaces(demanded[demanded_levels == level]) - first_surface
-        part = geometry if len(rows) == len(geometry) else subset(geometry, rows)
-        faces = np.searchsorted(rows, key_surfaces(own) - first_surface)
-        if 2 * len(faces) < len(rows):
-            part, faces = geometry_around(part, faces)
-        mesh = tessellate(part, 2.0**level, faces=faces, workers=workers)
-        pools.append(MeshPool.of_mesh(mesh, own))
+        rows = near.rows_of(key_surfaces(own))
+        present = near.rows_of(key_surfaces(demanded[demanded_levels == level]))
+        # Hardly ever more than one: a level below what float64 can keep of a part.
+        errors = np.maximum(2.0**level, near.smallest)
+        parts = [
+            _pool(tessellator, error, own[errors[rows] == error], rows[errors[rows] == error],
+                  present[errors[present] == error], workers)
+            for error in np.unique(errors[rows]).tolist()
+        ]  # fmt: skip
+        pools.append(parts[0] if len(parts) == 1 else MeshPool.join(parts).by_key())
     return pools
+
+
+def _pool(tessellator: Tessellator, error: float, keys: Keys, rows: Ids, present: Ids, workers: int) -> MeshPool:
+    return MeshPool.of_mesh(tessellator.mesh(error, faces=rows, present=present, workers=workers), keys)
 
 
 def mesh_surfaces(store: TypedStore, keys: Keys, demand: MeshDemand, workers: int) -> MeshPool:
@@ -57,13 +61,11 @@ def mesh_surfaces(store: TypedStore, keys: Keys, demand: MeshDemand, workers: in
         demand: all that any node needs.
         workers: threads.
     """
-    infos = store.part_infos()
-    firsts = np.array([info.first_surface for info in infos], np.int64)
-    part_of = np.searchsorted(firsts, key_surfaces(keys), side="right") - 1
+    surfaces = key_surfaces(keys)
     pools = []
-    for part in np.unique(part_of).tolist():
-        first, count = infos[part].first_surface, infos[part].n_surfaces
-        demanded = demand.of_surfaces(first, count)
-        pools += mesh_part(store.get_part(part), first, keys[part_of == part], demanded, workers)
-    pool = MeshPool.join(pools)
-    return MeshPool(pool.slots[np.argsort(pool.slots["key"])], pool.words)
+    for run in surface_runs(store.part_infos()):
+        own = keys[(surfaces >= run.first_surface) & (surfaces < run.first_surface + run.n_surfaces)]
+        if len(own):
+            near = RunGeometry.load(store, run.slices, np.unique(key_surfaces(own)))
+            pools += mesh_levels(near, own, demand.of_surfaces(*run.surfaces_of_parts), workers)
+    return MeshPool.join(pools).by_key()

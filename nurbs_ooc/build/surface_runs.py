@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from nurbs_cache.scene_record import PartInfo
 from nurbs_cache.surface_record import GeometryBatch
@@ -63,6 +64,12 @@ class SurfaceRun:
     slices: tuple[PartSlice, ...]
 
     @property
+    def surfaces_of_parts(self) -> tuple[int, int]:
+        """First id and number of the surfaces of all parts that it touches."""
+        first = self.slices[0].first_of_part
+        return first, self.slices[-1].first_of_part + self.slices[-1].n_part - first
+
+    @property
     def name(self) -> str:
         """What its files are called."""
         return f"{self.first_surface:012d}"
@@ -95,8 +102,10 @@ def surface_runs(infos: Sequence[PartInfo]) -> list[SurfaceRun]:
     return runs
 
 
-def geometry_around(geometry: GeometryBatch, rows: np.ndarray) -> tuple[GeometryBatch, np.ndarray]:
-    """A part without what is far from some of its surfaces, and where these are in it.
+def geometry_around(
+    geometry: GeometryBatch, rows: npt.NDArray[np.int64]
+) -> tuple[GeometryBatch, npt.NDArray[np.int64]]:
+    """A part without what is far from some of its surfaces, and which of its rows are left.
 
     Kept are the surfaces that share an edge with one of ``rows`` and those that share an edge with one of
     these. The tessellation of ``rows`` stays as it is: it does the first ring too, and an edge is sampled
@@ -109,4 +118,4 @@ def geometry_around(geometry: GeometryBatch, rows: np.ndarray) -> tuple[Geometry
     g = sound_tables(tables(geometry))
     uses = edge_uses(g)
     near = with_neighbours(g, uses, with_neighbours(g, uses, rows))
-    return subset(geometry, near), np.searchsorted(near, rows)
+    return subset(geometry, near), near

@@ -13,6 +13,7 @@ from typing import Any
 
 from nurbs_cache.errors import NurbsOocError, WorkerDiedError
 from nurbs_ooc.build.freed_memory import return_freed_memory
+from nurbs_ooc.build.warm_up import warm_up
 from nurbs_ooc.build.workshop import opened
 
 
@@ -23,6 +24,7 @@ def serve(descriptor: int) -> None:
     connection = Connection(descriptor)
     inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, inbox), daemon=True).start()
+    warm_up()
     while True:
         number, task, shop, job = inbox.get()
         result, error = None, None

@@ -68,6 +68,12 @@ def bezier_weights(values: Floats, knots: int, span: int, degree: int, a: float,
     The k-th Bézier point is the polar form at (degree - k) times ``a`` and k times ``b``; its weights follow
     the recurrence of the basis functions with one of the arguments per level.
     """
+    if values[knots + span + 1 - degree] == a and values[knots + span + degree] == b:
+        # A Bézier piece already.
+        for k in range(degree + 1):
+            for i in range(degree + 1):
+                out[k, i] = 1.0 if i == k else 0.0
+        return
     inverse = local_line(INVERSES)
     n = 0
     for d in range(1, degree + 1):

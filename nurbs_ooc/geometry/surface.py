@@ -33,8 +33,47 @@ EXTRUSION = int(SurfaceKind.EXTRUSION)
 POLE_SINE = 2.0**-39
 # A partial that moves a point by less than this part of its coordinates, all over the domain, is roundoff.
 VANISHING = 2.0**-42
+# Numbers in a row of the control points that reach a point, from which on rows are added up as such.
+WIDE = 20
+WIDEST = 4 * (MAX_DEGREE + 1)
 # How far inside the domain the limit normal of a pole is taken, relative to its size.
 POLE_STEPS = (1e-7, 1e-5, 1e-3, 3e-2)
+
+
+@leaf
+def _wide_point(g: Tables, row: int, span_u: int, span_v: int, scratch: Floats, out: Floats) -> None:
+    """The end of ``_nurbs_point`` for rows so long that it pays to add them up in lanes first."""
+    s = g.surfaces[row]
+    dim = 4 if s.rational else 3
+    width = (s.degree_v + 1) * dim
+    line, slope = local_line(WIDEST), local_line(WIDEST)
+    for m in range(width):
+        line[m], slope[m] = 0.0, 0.0
+    for i in range(s.degree_u + 1):
+        at = s.points + ((span_u - s.degree_u + i) * s.n_v + span_v - s.degree_v) * dim
+        n, d = scratch[0, i], scratch[1, i]
+        for m in range(width):
+            line[m] += n * g.values[at + m]
+            slope[m] += d * g.values[at + m]
+    p0, p1, p2, w = 0.0, 0.0, 0.0, 0.0
+    u0, u1, u2, wu = 0.0, 0.0, 0.0, 0.0
+    v0, v1, v2, wv = 0.0, 0.0, 0.0, 0.0
+    for j in range(s.degree_v + 1):
+        at = j * dim
+        n, d = scratch[2, j], scratch[3, j]
+        x, y, z = line[at], line[at + 1], line[at + 2]
+        p0, p1, p2 = p0 + n * x, p1 + n * y, p2 + n * z
+        v0, v1, v2 = v0 + d * x, v1 + d * y, v2 + d * z
+        u0, u1, u2 = u0 + n * slope[at], u1 + n * slope[at + 1], u2 + n * slope[at + 2]
+        if dim == 4:
+            w, wv, wu = w + n * line[at + 3], wv + d * line[at + 3], wu + n * slope[at + 3]
+    if dim == 4:
+        p0, p1, p2 = p0 / w, p1 / w, p2 / w
+        u0, u1, u2 = (u0 - wu * p0) / w, (u1 - wu * p1) / w, (u2 - wu * p2) / w
+        v0, v1, v2 = (v0 - wv * p0) / w, (v1 - wv * p1) / w, (v2 - wv * p2) / w
+    out[0], out[1], out[2] = p0, p1, p2
+    out[3], out[4], out[5] = u0, u1, u2
+    out[6], out[7], out[8] = v0, v1, v2
 
 
 @leaf
@@ -47,6 +86,9 @@ def _nurbs_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
     basis(values, s.knots_u, span_u, s.degree_u, u, scratch[0], scratch[1])
     basis(values, s.knots_v, span_v, s.degree_v, v, scratch[2], scratch[3])
     dim = 4 if s.rational else 3
+    if (s.degree_v + 1) * dim >= WIDE:
+        _wide_point(g, row, span_u, span_v, scratch, out)
+        return
     # Sums in registers: a row of control points along v and its slope, then rows along u.
     p0, p1, p2, w = 0.0, 0.0, 0.0, 0.0
     u0, u1, u2, wu = 0.0, 0.0, 0.0, 0.0

@@ -15,7 +15,6 @@ Source: M. Guthe, A. Balazs, R. Klein, "Real-time out-of-core trimmed NURBS rend
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +23,11 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_cache.node_record import ITEM_DTYPE
 from nurbs_cache.surface_record import GeometryBatch
-from nurbs_ooc.geometry.subset import subset
 from nurbs_ooc.hierarchy.extents import rough_extents
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hierarchy.runs import run_rows
 from nurbs_ooc.tessellation.mesh import MeshBatch
-from nurbs_ooc.tessellation.tessellate import tessellate
+from nurbs_ooc.tessellation.tessellate import Tessellator, smallest_error
 
 RELATIVE_ERROR = 0.01  # of the diagonal: the paper's figure
 FINEST_LEVEL = -30  # 2**-30 mm, for surfaces whose extent is 0
@@ -56,6 +54,15 @@ class PartSketch:
     normal: npt.NDArray[np.float64]
     status: npt.NDArray[np.uint8]
     reason: npt.NDArray[np.uint16]
+
+    def of_rows(self, low: int, high: int) -> PartSketch:
+        """The surfaces ``low`` to ``high``."""
+        start = self.point_start[low : high + 1]
+        own = slice(low, high)
+        return PartSketch(
+            start - start[0], self.points[start[0] : start[-1]], self.error[own], self.normal[own], self.status[own],
+            self.reason[own],
+        )  # fmt: skip
 
     @property
     def drawable(self) -> npt.NDArray[np.bool_]:
@@ -127,41 +134,39 @@ def _diagonals(mesh: MeshBatch) -> npt.NDArray[np.float64]:
     return np.where(filled, np.linalg.norm(np.where(filled[:, None], boxes[:, 3:] - boxes[:, :3], 0.0), axis=1), 0.0)
 
 
-def _coarse_meshes(geometry: GeometryBatch, rows: npt.NDArray[np.int64], workers: int) -> list[MeshBatch]:
-    """Meshes of ``rows``, each at an error of at most 1 % of its diagonal; a later mesh of a surface counts."""
+def _coarse_meshes(geometry: GeometryBatch, workers: int) -> list[MeshBatch]:
+    """Meshes of all surfaces, each at an error of at most 1 % of its diagonal; a later mesh of a surface counts."""
     meshes: list[MeshBatch] = []
-    level = _levels_for(rough_extents(geometry))
+    tessellator, smallest = Tessellator(geometry), smallest_error(geometry)
+    rows, level = np.arange(len(geometry)), _levels_for(rough_extents(geometry))
     for _ in range(MAX_ROUNDS):
         too_coarse = [rows[:0]]
-        for value in np.unique(level[rows]):
+        for value in np.unique(level[rows]).tolist():
             # Alone, without the neighbours, who may be far larger: boxes need no common edges.
             faces = rows[level[rows] == value]
-            mesh = tessellate(subset(geometry, faces), 2.0 ** int(value), workers=workers)
-            mesh = dataclasses.replace(mesh, faces=faces)
+            mesh = tessellator.mesh(max(2.0**value, smallest), faces=faces, present=faces, workers=workers)
             meshes.append(mesh)
             diagonal = _diagonals(mesh)
             finer = np.minimum(_levels_for(diagonal), value)
-            level[mesh.faces] = finer
-            too_coarse.append(mesh.faces[(finer < value) & (diagonal > 0)])
+            level[faces] = finer
+            too_coarse.append(faces[(finer < value) & (diagonal > 0)])
         rows = np.sort(np.concatenate(too_coarse))
     return meshes
 
 
-def sketch_part(geometry: GeometryBatch, workers: int = 1, rows: npt.NDArray[np.int64] | None = None) -> PartSketch:
-    """Tessellate a part as coarsely as boxes allow.
+def sketch_part(geometry: GeometryBatch, workers: int = 1) -> PartSketch:
+    """Tessellate a part, or several in one batch, as coarsely as boxes allow.
 
     Args:
         geometry: the part, mm.
         workers: threads for the tessellation; the result does not depend on it.
-        rows: (n,) ascending, the surfaces to take; all by default.
     """
-    wanted = np.arange(len(geometry)) if rows is None else rows
-    n = len(wanted)
+    n = len(geometry)
     start, count, error = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n)
     normal, status, reason = np.zeros((n, 3)), np.zeros(n, np.uint8), np.zeros(n, np.uint16)
     points, n_points = [np.zeros((0, 3))], 0
-    for mesh in _coarse_meshes(geometry, wanted, workers):
-        faces, normals = np.searchsorted(wanted, mesh.faces), np.empty((len(mesh.faces), 3))
+    for mesh in _coarse_meshes(geometry, workers):
+        faces, normals = mesh.faces, np.empty((len(mesh.faces), 3))
         _average_normals(mesh.vertex_start, mesh.triangle_start, mesh.positions, mesh.normals, mesh.triangles, normals)
         start[faces], count[faces] = n_points + mesh.vertex_start[:-1], np.diff(mesh.vertex_start)
         error[faces], normal[faces] = mesh.certified_error, normals

@@ -12,6 +12,7 @@ show it. The meshes lie one after another in 8-byte words, each with a row of a 
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -76,8 +77,8 @@ class MeshPool:
             slots, mesh.vertex_start, mesh.triangle_start, mesh.segment_start, mesh.positions, mesh.normals,
             mesh.triangles, mesh.segments, words.view(np.float64), words.view(np.float32), words.view(np.int32),
         )  # fmt: skip
-        for slot, end in zip(slots, ends.tolist(), strict=True):
-            slot["checksum"] = zlib.crc32(words[slot["first_word"] : end].data)
+        mapped = words.data
+        slots["checksum"] = [zlib.crc32(mapped[first:end]) for first, end in itertools.pairwise([0, *ends.tolist()])]
         return cls(slots, words)
 
     @classmethod
@@ -87,6 +88,10 @@ class MeshPool:
         shifts = np.cumsum([0, *(len(pool.words) for pool in pools)])[:-1]
         slots["first_word"] += np.repeat(shifts, [len(pool) for pool in pools])
         return cls(slots, np.concatenate([np.zeros(0, np.uint64), *(pool.words for pool in pools)]))
+
+    def by_key(self) -> MeshPool:
+        """The same meshes with ascending keys."""
+        return MeshPool(self.slots[np.argsort(self.slots["key"])], self.words)
 
 
 def slot_words(slots: npt.NDArray[np.void]) -> npt.NDArray[np.int64]:

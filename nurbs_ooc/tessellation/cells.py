@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, leaf
+from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
-from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
-from nurbs_ooc.bounds.triangle_bound import grid_bounds
-from nurbs_ooc.geometry.bezier_net import NET, bezier_net
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, grid_bounds
+from nurbs_ooc.geometry.bezier_net import bezier_net, split_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -50,20 +50,23 @@ MOST_UNTRIED = 64.0
 MAX_CELLS = 1 << 18
 
 
+# Bézier nets that a descent keeps: one a level, and those of the halves that are being tried.
+SPARE = MAX_DEPTH + 2
+NETS = SPARE + 2
 # What a cell covers of its surface's pieces.
 SEVERAL, WHOLE, PART = 0, 1, 2
 # Columns of ``Cells.node`` and ``Cells.box``.
-CHILD, AXIS, GRID = 0, 1, 2
+CHILD, AXIS, GRID, DEPTH, EXTENT, PARENT = 0, 1, 2, 4, 5, 6
+NODE_COLUMNS = 7
 CUT, SECOND, VECTORS = 4, 5, 8
-MEASURES = 3 + BOXES
-COLUMNS = VECTORS + BOXES
+COLUMNS = SECOND + MEASURES
 
 
 class Cells(NamedTuple):
     """A kd-tree in two arrays; row 0 is the root, children are consecutive."""
 
-    node: Ints  # (n, 4): first child (-1: a leaf), axis of the split (0: u, 1: v), columns and rows of a leaf
-    box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; |S_uu|, |S_uv|, |S_vv|; their vectors' boxes
+    node: Ints  # (n, NODE_COLUMNS): first child (-1: a leaf), axis (0: u), columns, rows, depth, extent, parent
+    box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; ``MEASURES``
 
 
 @leaf
@@ -72,6 +75,8 @@ def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: f
     cu = a * a * muu / (8.0 * error)
     cv = b * b * mvv / (8.0 * error)
     cm = 2.0 * a * b * muv / (8.0 * error)
+    if cu + cv + cm <= 1.0:
+        return 1, 1
     nu = max(1.0, math.floor(math.sqrt(min(cu, 1e16))))
     nv = max(1.0, math.floor(math.sqrt(min(cv, 1e16))))
     total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
@@ -140,22 +145,25 @@ def _extent(p: Pieces, row: int, box: Floats) -> int:
 
 
 @leaf
-def _measure(g: Tables, p: Pieces, row: int, box: Floats, net_of_its_own: bool, out: Floats) -> None:
-    """Second-derivative bounds (3,) and boxes (BOXES,) over a box to ``out``; tagged surfaces have bounds alone.
+def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> None:
+    """Second-derivative bounds of the pieces over a box to ``out`` (MEASURES,).
 
-    They are those of the pieces, or of the net of just this box.
+    Tagged surfaces have bounds alone.
     """
-    s = g.surfaces[row]
-    if s.kind == NURBS and net_of_its_own:
-        net = local_line(NET)
-        dim = bezier_net(g, row, box[0], box[1], box[2], box[3], net)
-        second_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], out)
-        return
     bounds = local_line(5)
     box_bounds(g, p, row, box[0], box[1], box[2], box[3], bounds)
     out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
-    if s.kind == NURBS:
+    if g.surfaces[row].kind == NURBS:
         box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
+        box_radii(out)
+
+
+@leaf
+def _measure_net(g: Tables, row: int, box: Floats, net: Floats, out: Floats) -> None:
+    """The same of the Bézier net of just this box."""
+    s = g.surfaces[row]
+    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, box[1] - box[0], box[3] - box[2], out)
+    box_radii(out)
 
 
 @leaf
@@ -163,8 +171,10 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
     """Columns and rows of a cell, also to its ``node`` row; with vectors their directions count, not norms alone."""
     b = c.box[node]
     muu, muv, mvv = b[SECOND], b[SECOND + 1], b[SECOND + 2]
-    if vectors:
-        muu, muv, mvv = grid_bounds(b[SECOND:], b[VECTORS:])
+    size_u, size_v = b[1] - b[0], b[3] - b[2]
+    sum_of_norms = size_u * size_u * muu + 2.0 * size_u * size_v * muv + size_v * size_v * mvv
+    if vectors and sum_of_norms > 8.0 * error:
+        muu, muv, mvv = grid_bounds(b[SECOND:])
     nu, nv = grid_counts(muu, muv, mvv, b[1] - b[0], b[3] - b[2], error)
     c.node[node, GRID + 0], c.node[node, GRID + 1] = nu, nv
     return nu, nv
@@ -172,7 +182,7 @@ def _count_grid(c: Cells, node: int, vectors: bool, error: float) -> tuple[int, 
 
 @leaf
 def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
-    """Let bounds and boxes ``b`` (3 + BOXES,) be no wider than what is known, whatever roundoff does to them."""
+    """Let bounds and boxes ``b`` (MEASURES,) be no wider than what is known, whatever roundoff does to them."""
     for m in range(3):
         b[m] = min(b[m], known[m])
     if vectors:
@@ -181,27 +191,50 @@ def _keep_smaller(known: Floats, b: Floats, vectors: bool) -> None:
                 low, high = max(b[k], known[k]), min(b[k + 3], known[k + 3])
                 if low <= high:
                     b[k], b[k + 3] = low, high
+        box_radii(b)
 
 
 @leaf
-def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, error: float) -> int:
-    """Bounds and grid of a cell whose box is set, within those of its parent (-1: none); returns its extent."""
+def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, error: float, net: Floats) -> bool:
+    """Bounds, grid and extent of a cell whose box is set, within the bounds of its parent (-1: none).
+
+    Returns whether its Bézier net was needed, and is in ``net``.
+    """
     nurbs = g.surfaces[row].kind == NURBS
-    extent = _extent(p, row, c.box[node])
-    _measure(g, p, row, c.box[node], extent == PART, c.box[node, SECOND:])
+    b = c.box[node]
+    extent = _extent(p, row, b)
+    c.node[node, EXTENT] = extent
+    own = nurbs and extent == PART
+    if own:
+        bezier_net(g, row, b[0], b[1], b[2], b[3], net)
+        _measure_net(g, row, b, net, b[SECOND:])
+    else:
+        _measure(g, p, row, b, b[SECOND:])
     if parent >= 0:
         # What holds for a cell holds for its children.
-        _keep_smaller(c.box[parent, SECOND:], c.box[node, SECOND:], nurbs)
+        _keep_smaller(c.box[parent, SECOND:], b[SECOND:], nurbs)
     nu, nv = _count_grid(c, node, nurbs, error)
     if nurbs and extent == WHOLE and nu * nv > UNDIVIDED and g.surfaces[row].rational == 0:
         # The pieces' bounds were found without cutting; where that costs triangles the piece is cut out.
         coarse = local_line(MEASURES)
         for k in range(MEASURES):
-            coarse[k] = c.box[node, SECOND + k]
-        _measure(g, p, row, c.box[node], True, c.box[node, SECOND:])
-        _keep_smaller(coarse, c.box[node, SECOND:], True)
+            coarse[k] = b[SECOND + k]
+        bezier_net(g, row, b[0], b[1], b[2], b[3], net)
+        _measure_net(g, row, b, net, b[SECOND:])
+        _keep_smaller(coarse, b[SECOND:], True)
         _count_grid(c, node, nurbs, error)
-    return extent
+        own = True
+    return own
+
+
+@leaf
+def _plan_part(g: Tables, row: int, c: Cells, node: int, parent: int, error: float, net: Floats) -> None:
+    """The same of a part of one piece whose ``net`` is known."""
+    b = c.box[node]
+    c.node[node, EXTENT] = PART
+    _measure_net(g, row, b, net, b[SECOND:])
+    _keep_smaller(c.box[parent, SECOND:], b[SECOND:], True)
+    _count_grid(c, node, True, error)
 
 
 @leaf
@@ -230,18 +263,6 @@ def _cut(p: Pieces, row: int, box: Floats, along_u: bool) -> float:
     return best
 
 
-@helper
-def _grown(c: Cells, n: int) -> Cells:
-    """``c`` with room for at least n nodes."""
-    m = len(c.node)
-    if n <= m:
-        return c
-    node = np.empty((2 * n, 4), dtype=np.int64)
-    box = np.empty((2 * n, COLUMNS))
-    node[:m], box[:m] = c.node, c.box
-    return Cells(node, box)
-
-
 @leaf
 def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: bool) -> bool:
     """Whether to split along u: the direction of more columns, or, at equal counts, of more knots.
@@ -263,95 +284,157 @@ def _split_axis(g: Tables, p: Pieces, row: int, c: Cells, node: int, single: boo
     return nu > nv
 
 
-@helper
-def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float) -> Cells:
-    """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm."""
-    start = 64
-    c = Cells(np.empty((start, 4), dtype=np.int64), np.empty((start, COLUMNS)))
-    for k in range(4):
-        c.box[0, k] = box[k]
-    n = 1
-    depth = np.zeros(start, dtype=np.int64)
-    extent = np.zeros(start, dtype=np.int64)
-    extent[0] = _plan(g, p, row, c, 0, -1, error)
-    nurbs = g.surfaces[row].kind == NURBS
-    if c.node[0, GRID + 0] * c.node[0, GRID + 1] > 1:
-        error *= CELL_SHARE
-        _count_grid(c, 0, nurbs, error)
-    node = 0
-    while node < n:
-        c.node[node, CHILD] = -1
-        cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
-        if cost > UNDIVIDED and depth[node] < MAX_DEPTH and n < MAX_CELLS:
-            c = _grown(c, n + 2)
-            if n + 2 > len(depth):
-                more = np.zeros((2, 2 * (n + 2)), dtype=np.int64)
-                more[0, : len(depth)] = depth
-                more[1, : len(depth)] = extent
-                depth, extent = more[0], more[1]
-            single = extent[node] != SEVERAL
-            if single and nurbs and _is_even(c.box[node, SECOND:]):
-                node += 1
-                continue
-            along_u = _split_axis(g, p, row, c, node, single)
-            cut = _cut(p, row, c.box[node], along_u)
-            both = 0.0
-            for k in range(2):
-                kid = n + k
-                for m in range(4):
-                    c.box[kid, m] = c.box[node, m]
-                if along_u:
-                    c.box[kid, 1 - k] = cut
-                else:
-                    c.box[kid, 3 - k] = cut
-                extent[kid] = _plan(g, p, row, c, kid, node, error)
-                both += float(c.node[kid, GRID + 0]) * float(c.node[kid, GRID + 1])
-                depth[kid] = depth[node] + 1
-            large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
-            # Bounds of a rational cell shrink much faster than it does while its weights are far from equal.
-            coarse = cost > MOST_UNTRIED and g.surfaces[row].rational != 0
-            if both <= WORTH * cost or (not single and cost > 4.0) or large or coarse:
-                c.node[node, CHILD] = n
-                c.node[node, AXIS] = 0 if along_u else 1
-                c.box[node, CUT] = cut
-                n += 2
-        node += 1
-    return Cells(c.node[:n], c.box[:n])
+@leaf
+def _split(
+    g: Tables, p: Pieces, row: int, c: Cells, node: int, first: int, error: float, nets: Floats, known: Ints, slot: int
+) -> float:
+    """Write the two halves of a cell to rows ``first`` and after; the quadrilaterals of both.
+
+    ``nets[slot]`` is the cell's own if ``known[slot]`` says so; those of the halves go to ``nets[SPARE:]``.
+    """
+    s = g.surfaces[row]
+    b = c.box[node]
+    single = c.node[node, EXTENT] != SEVERAL
+    along_u = _split_axis(g, p, row, c, node, single)
+    cut = _cut(p, row, b, along_u)
+    c.node[node, AXIS] = 0 if along_u else 1
+    b[CUT] = cut
+    inherit = single and s.kind == NURBS
+    if inherit:
+        if known[slot] == 0:
+            bezier_net(g, row, b[0], b[1], b[2], b[3], nets[slot])
+            known[slot] = 1
+        low, high = (b[0], b[1]) if along_u else (b[2], b[3])
+        dim = 4 if s.rational else 3
+        t = (cut - low) / (high - low)
+        split_net(nets[slot], s.degree_u, s.degree_v, dim, along_u, t, nets[SPARE], nets[SPARE + 1])
+    both = 0.0
+    for k in range(2):
+        kid = first + k
+        for m in range(4):
+            c.box[kid, m] = b[m]
+        c.box[kid, 1 - k if along_u else 3 - k] = cut
+        c.node[kid, CHILD], c.node[kid, PARENT] = -1, node
+        c.node[kid, DEPTH] = c.node[node, DEPTH] + 1
+        known[SPARE + k] = 1
+        if inherit:
+            _plan_part(g, row, c, kid, node, error, nets[SPARE + k])
+        elif not _plan(g, p, row, c, kid, node, error, nets[SPARE + k]):
+            known[SPARE + k] = 0
+        both += float(c.node[kid, GRID + 0]) * float(c.node[kid, GRID + 1])
+    return both
 
 
 @leaf
-def _is_leaf_around(c: Cells, node: int, u0: float, u1: float, v0: float, v1: float) -> bool:
-    """Whether ``node`` is a leaf that holds a parameter box alone."""
-    if node >= len(c.node) or c.node[node, CHILD] >= 0:
+def _move_net(nets: Floats, known: Ints, source: int, to: int) -> None:
+    known[to] = known[source]
+    if known[source] != 0:
+        for m in range(nets.shape[1]):
+            nets[to, m] = nets[source, m]
+
+
+@leaf
+def _may_split(g: Tables, row: int, c: Cells, node: int) -> bool:
+    """Whether halves of a cell might need fewer triangles than it does."""
+    cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
+    if cost <= UNDIVIDED or c.node[node, DEPTH] >= MAX_DEPTH:
         return False
-    b = c.box[node]
-    return b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]
+    single = c.node[node, EXTENT] != SEVERAL
+    return not (single and g.surfaces[row].kind == NURBS and _is_even(c.box[node, SECOND:]))
+
+
+@leaf
+def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, c: Cells, nets: Floats, stack: Ints) -> int:
+    """The kd-tree of surface ``row`` over ``box`` (u0, u1, v0, v1) for a chord error in mm, written to ``c``.
+
+    Args:
+        g, p, row: the surface and its pieces.
+        box: (4,) parameters.
+        error: mm.
+        c: room for it.
+        nets: (NETS, >= the net's numbers) scratch.
+        stack: (2 * NETS,) scratch.
+
+    Returns:
+        The number of nodes; 0 if ``c`` has no room for them.
+    """
+    known = stack[NETS:]
+    for k in range(4):
+        c.box[0, k] = box[k]
+    c.node[0, CHILD], c.node[0, DEPTH], c.node[0, PARENT] = -1, 0, 0
+    known[0] = 1 if _plan(g, p, row, c, 0, -1, error, nets[0]) else 0
+    if c.node[0, GRID + 0] * c.node[0, GRID + 1] > 1:
+        error *= CELL_SHARE
+        _count_grid(c, 0, g.surfaces[row].kind == NURBS, error)
+    n = 1
+    top = 1
+    stack[0] = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if n + 2 > MAX_CELLS or not _may_split(g, row, c, node):
+            continue
+        if n + 2 > len(c.node):
+            return 0
+        both = _split(g, p, row, c, node, n, error, nets, known, top)
+        cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
+        single = c.node[node, EXTENT] != SEVERAL
+        large = c.node[node, GRID + 0] > MAX_GRID or c.node[node, GRID + 1] > MAX_GRID
+        # Bounds of a rational cell shrink much faster than it does while its weights are far from equal.
+        coarse = cost > MOST_UNTRIED and g.surfaces[row].rational != 0
+        if both <= WORTH * cost or (not single and cost > 4.0) or large or coarse:
+            c.node[node, CHILD] = n
+            for k in range(2):
+                stack[top] = n + k
+                _move_net(nets, known, SPARE + k, top)
+                top += 1
+            n += 2
+    return n
+
+
+@leaf
+def cell_around(c: Cells, u0: float, u1: float, v0: float, v1: float, near: Ints) -> int:
+    """The smallest cell that holds a parameter box.
+
+    ``near`` (1,) is where the search begins, the number of any cell, and gets the one found.
+    """
+    node = near[0]
+    while node > 0:
+        b = c.box[node]
+        if b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]:
+            break
+        node = c.node[node, PARENT]
+    while c.node[node, CHILD] >= 0:
+        low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
+        if high <= c.box[node, CUT]:
+            node = c.node[node, CHILD]
+        elif low >= c.box[node, CUT]:
+            node = c.node[node, CHILD] + 1
+        else:
+            break
+    near[0] = node
+    return int(node)
 
 
 @leaf
 def cell_bounds(
-    c: Cells, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, near: Ints, out: Floats
+    c: Cells, start: int, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, out: Floats
 ) -> None:
-    """Second-derivative bounds (3,) of the leaves that meet a parameter box to ``out``, then their boxes if wanted.
+    """Second-derivative bounds (3,) of the leaves below ``start`` that meet a parameter box, and their boxes if wanted.
 
-    ``near`` (1,) is where the search begins, a number >= 0 of any leaf, and gets the last leaf found.
+    They go to ``out`` (MEASURES,).
     """
-    if _is_leaf_around(c, near[0], u0, u1, v0, v1):
-        for k in range(3 + (BOXES if vectors else 0)):
-            out[k] = c.box[near[0], SECOND + k]
-        return
     out[0], out[1], out[2] = 0.0, 0.0, 0.0
     if vectors:
         for m in range(3):
             for k in range(3):
                 out[3 + 6 * m + k], out[6 + 6 * m + k] = np.inf, -np.inf
     top = 1
-    stack[0] = 0
+    stack[0] = start
     while top > 0:
         top -= 1
         node = stack[top]
         if c.node[node, CHILD] < 0:
-            near[0] = node
             for k in range(3):
                 out[k] = max(out[k], c.box[node, SECOND + k])
             if vectors:
@@ -364,3 +447,5 @@ def cell_bounds(
         if high > c.box[node, CUT]:
             stack[top] = c.node[node, CHILD] + 1
             top += 1
+    if vectors:
+        box_radii(out)

@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, leaf
+from nurbs_cache.jit import leaf
 from nurbs_ooc.geometry.predicates import in_circle, orient
 from nurbs_ooc.tessellation.triangulate import (
     ADJACENT,
+    CHECKED,
     FIXED,
     INSIDE,
     N_TRIANGLES,
@@ -115,7 +116,7 @@ def _collect(t: Triangulation, a: int, b: int, k: int, i: int, pairs: Ints) -> t
             r = d
 
 
-@helper
+@leaf
 def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool:
     """Flip the crossed edges until a-b is an edge; False if that does not end."""
     capacity = len(pairs)  # its columns 2 and 3: edges that were made
@@ -176,7 +177,7 @@ def _flip_through(t: Triangulation, a: int, b: int, pairs: Ints, n: int) -> bool
     return True
 
 
-@helper
+@leaf
 def insert_constraint(t: Triangulation, a: int, b: int, pairs: Ints, crossed: Ints) -> bool:
     """Make a-b an edge (or a chain of edges through points exactly on it) and count it as fixed.
 
@@ -210,22 +211,26 @@ def insert_constraint(t: Triangulation, a: int, b: int, pairs: Ints, crossed: In
     return True
 
 
-@helper
+@leaf
 def flood_inside(t: Triangulation) -> None:
     """Set ``inside`` by the even-odd rule, walking in from the outer box."""
     n = t.n[N_TRIANGLES]
-    seen = np.zeros(n, dtype=np.uint8)
+    # The mark of triangles that were checked serves for those that were seen.
+    for k in range(n):
+        t.tri[k, CHECKED] = 0
     top = 1
     t.tri[0, STACK] = t.points[0, 2]
-    seen[t.points[0, 2]] = 1
+    t.tri[t.points[0, 2], CHECKED] = 1
     t.tri[t.points[0, 2], INSIDE] = 0
     while top > 0:
         top -= 1
         k = t.tri[top, STACK]
         for i in range(3):
             o = t.tri[k, ADJACENT + i]
-            if o >= 0 and seen[o] == 0:
-                seen[o] = 1
+            if o >= 0 and t.tri[o, CHECKED] == 0:
+                t.tri[o, CHECKED] = 1
                 t.tri[o, INSIDE] = (t.tri[k, INSIDE] + t.tri[k, FIXED + i]) % 2
                 t.tri[top, STACK] = o
                 top += 1
+    for k in range(n):
+        t.tri[k, CHECKED] = 0

@@ -59,17 +59,6 @@ def _steps(f: Frame, u: float, v: float) -> tuple[float, float]:
 
 
 @leaf
-def any_crease(p: Pieces, row: int) -> bool:
-    """Whether a surface has a crease at all."""
-    at = p.table[row, BREAK_U]
-    n = p.table[row, N_U] + p.table[row, N_V] + 2 if p.table[row, N_U] > 0 else 0
-    for k in range(at, at + n):
-        if p.breaks[k, JUMP] > 0.0:
-            return True
-    return False
-
-
-@leaf
 def on_crease(p: Pieces, row: int, f: Frame, u: float, v: float) -> bool:
     """Whether a B-spline surface has a crease at (u, v), as far as the lattice can tell."""
     step_u, step_v = _steps(f, u, v)

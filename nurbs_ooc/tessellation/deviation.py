@@ -19,7 +19,7 @@ from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
 from nurbs_ooc.bounds.triangle_bound import corner_hair, norm_bound, vector_bound
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import SECOND, Cells, cell_bounds
+from nurbs_ooc.tessellation.cells import CHILD, SECOND, Cells, cell_around, cell_bounds
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_TRIANGLES, Triangulation
 
 Floats = npt.NDArray[np.float64]
@@ -42,9 +42,9 @@ class Frame(NamedTuple):
 class Check(NamedTuple):
     """Scratch of the bound of a triangle."""
 
-    second: Floats  # (3 + BOXES,) what the last bound rests on, see ``cell_bounds``
+    second: Floats  # (MEASURES,) what the last bound rests on, see ``cell_bounds``: its norms always, boxes perhaps
     stack: Ints  # (256,) of a walk in the kd-tree
-    near: Ints  # (1,) the leaf where the last walk ended
+    near: Ints  # (1,) the cell where the last walk began
 
 
 @leaf
@@ -79,17 +79,27 @@ def _corners_bound(
         hair, hair_u, hair_v = 0.0, 0.0, 0.0
     charge = 0.0
     kind = g.surfaces[row].kind
+    du, dv = f.du, f.dv
+    whole = False
+    node = 0
     if kind == NURBS or kind == REVOLUTION or kind == EXTRUSION:
-        cell_bounds(c, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, False, check.stack, check.near, m)
         charge = hair + creases_in_box(p, row, u0, u1, v0, v1)
+        u0, u1, v0, v1 = u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v
+        node = cell_around(c, u0, u1, v0, v1, check.near)
+        whole = c.node[node, CHILD] < 0
+        if whole:
+            m = c.box[node, SECOND:]
+            check.second[0], check.second[1], check.second[2] = m[0], m[1], m[2]
+        else:
+            cell_bounds(c, node, u0, u1, v0, v1, False, check.stack, m)
     else:
         bounds = local_line(5)
         closed_form_bounds(g, row, u0, u1, v0, v1, bounds)
         m[0], m[1], m[2] = bounds[MUU], bounds[MUV], bounds[MVV]
-    du, dv = f.du, f.dv
     bound = charge + norm_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
     if kind == NURBS and bound > enough:
-        cell_bounds(c, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, True, check.stack, check.near, m)
+        if not whole:
+            cell_bounds(c, node, u0, u1, v0, v1, True, check.stack, m)
         finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
         bound = min(bound, finer)
     return bound

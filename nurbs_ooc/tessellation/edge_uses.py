@@ -45,6 +45,14 @@ def _ranges(first: npt.NDArray[np.int32], count: npt.NDArray[np.int32]) -> Ints:
     return np.arange(total) + np.repeat(first.astype(np.int64) - (ends - count), count)
 
 
+def uses_of_faces(uses: EdgeUses, faces: npt.NDArray[np.bool_]) -> EdgeUses:
+    """The uses by the faces in the mask (n_surfaces,) alone: to the others no coedge belongs."""
+    kept = np.append(faces, False)[uses.surface]
+    by_edge = kept[uses.coedge]
+    before = np.concatenate([[0], np.cumsum(by_edge)]).astype(np.int64)
+    return EdgeUses(before[uses.first], uses.coedge[by_edge], np.where(kept, uses.surface, -1))
+
+
 def with_neighbours(g: Tables, uses: EdgeUses, faces: Ints) -> Ints:
     """The faces and all that share an edge with one of them, ascending; unchanged if they are all of the part."""
     if len(faces) == len(g.surfaces):

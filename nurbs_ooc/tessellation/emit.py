@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line
-from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.bounds.pieces import CREASED, Pieces
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.corner_normals import any_crease, crease_normal, on_crease, pole_normal
+from nurbs_ooc.tessellation.corner_normals import crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
-from nurbs_ooc.tessellation.triangulate import INSIDE, N_POINTS, N_TRIANGLES, Triangulation
-from nurbs_ooc.tessellation.trimming import Boundary
+from nurbs_ooc.tessellation.face import face_frame
+from nurbs_ooc.tessellation.triangulate import INSIDE, N_OUTER, N_POINTS, N_TRIANGLES, Triangulation, triangles_of
+from nurbs_ooc.tessellation.workspace import CAPACITY, N_BOUNDARY, BoundaryRoom, Workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -37,7 +38,9 @@ class Output(NamedTuple):
     uv: Floats
     triangle: Ints
     segment: Ints
+    following: Ints  # by vertex: the next one in the same place, see ``_with_normal``
     n: Ints
+    more: Ints  # (3,) room that was missing
 
 
 @helper
@@ -49,6 +52,8 @@ def new_output(vertices: int) -> Output:
         np.empty((vertices, 2)),
         np.empty((2 * vertices, 3), dtype=np.int64),
         np.empty((vertices, 2), dtype=np.int64),
+        np.empty(vertices, dtype=np.int64),
+        np.zeros(3, dtype=np.int64),
         np.zeros(3, dtype=np.int64),
     )
 
@@ -63,16 +68,32 @@ def _more_rows(a: npt.NDArray[Number], used: int, need: int) -> npt.NDArray[Numb
 
 
 @helper
-def _with_room(o: Output, vertices: int, triangles: int, segments: int) -> Output:
-    """``o`` with room for that many more."""
-    v, t, s = o.n[0] + vertices, o.n[1] + triangles, o.n[2] + segments
+def with_room(o: Output) -> Output:
+    """``o`` with the room that it has missed."""
+    v, t, s = o.n[0] + o.more[0], o.n[1] + o.more[1], o.n[2] + o.more[2]
+    following = o.following
+    if v > len(following):
+        following = np.empty(2 * v, dtype=np.int64)
     return Output(
         _more_rows(o.position, o.n[0], v),
         _more_rows(o.normal, o.n[0], v),
         _more_rows(o.uv, o.n[0], v),
         _more_rows(o.triangle, o.n[1], t),
         _more_rows(o.segment, o.n[2], s),
+        following,
         o.n,
+        o.more,
+    )
+
+
+@leaf
+def _has_room(o: Output, vertices: int, triangles: int, segments: int) -> bool:
+    """Whether that many more fit; if not, ``more`` says so."""
+    o.more[0], o.more[1], o.more[2] = vertices, triangles, segments
+    return (
+        o.n[0] + vertices <= min(len(o.position), len(o.following))
+        and o.n[1] + triangles <= len(o.triangle)
+        and o.n[2] + segments <= len(o.segment)
     )
 
 
@@ -106,11 +127,11 @@ def _normals_at(p: Pieces, row: int, f: Frame, uv: Floats, pole: bool, creased: 
 
 @leaf
 def _put_boundary(
-    p: Pieces, row: int, b: Boundary, point: Ints, f: Frame, creased: bool, o: Output, at: Ints, kind: Flags
+    p: Pieces, row: int, b: BoundaryRoom, n: int, f: Frame, creased: bool, o: Output, at: Ints, kind: Flags
 ) -> None:
     """Vertices of the boundary points, one per lattice point: their numbers to ``at``, ``_normals_at`` to ``kind``."""
-    for i in range(len(point)):
-        c = point[i]
+    for i in range(n):
+        c = b.point[i]
         if c >= 0 and at[c] < 0:
             at[c] = _put_vertex(o, b.position[i], b.normal[i], b.uv[i, 0], b.uv[i, 1])
             kind[c] = _normals_at(p, row, f, o.uv[at[c]], b.pole[i] != 0, creased)
@@ -142,15 +163,16 @@ def _put_inner(
 
 
 @leaf
-def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floats, uv: Floats) -> int:
+def _with_normal(o: Output, base: int, normal: Floats, uv: Floats) -> int:
     """The vertex at the place of vertex ``base`` that has this normal, new if there is none.
 
-    ``following`` leads from one vertex of a place to the next, by number after ``first``: LAST ends, UNUSED
-    says that no triangle has taken ``base`` yet, so that it may still have any normal.
+    ``o.following`` leads from one vertex of a place to the next: LAST ends, UNUSED says that no triangle has
+    taken ``base`` yet, so that it may still have any normal.
     """
+    following = o.following
     v = base
-    if following[v - first] == UNUSED:
-        following[v - first] = LAST
+    if following[v] == UNUSED:
+        following[v] = LAST
         for k in range(3):
             o.normal[v, k] = normal[k]
         o.uv[v, 0], o.uv[v, 1] = uv[0], uv[1]
@@ -161,23 +183,20 @@ def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floa
             cosine += normal[k] * o.normal[v, k]
         if cosine >= SAME_NORMAL:
             return v
-        if following[v - first] == LAST:
+        if following[v] == LAST:
             break
-        v = first + following[v - first]
+        v = following[v]
     new = _put_vertex(o, o.position[base], normal, uv[0], uv[1])
-    following[v - first] = new - first
-    following[new - first] = LAST
+    following[v] = new
+    following[new] = LAST
     return new
 
 
 @leaf
 def _corner(
-    g: Tables, p: Pieces, row: int, f: Frame, o: Output, first: int, following: Ints, kind: int, corners: Ints,
-    i: int, scratch: Floats,
-) -> int:  # fmt: skip
-    """The vertex of corner ``i`` of a triangle with vertices ``corners``, with the normal that is right for it."""
-    base = corners[i]
-    j, k = corners[(i + 1) % 3], corners[(i + 2) % 3]
+    g: Tables, p: Pieces, row: int, f: Frame, o: Output, kind: int, base: int, j: int, k: int, scratch: Floats
+) -> int:
+    """The vertex that a triangle of vertices ``base``, j, k gets at ``base``: the one with the right normal."""
     uv = local_line(2)
     middle = local_line(2)
     normal = local_line(3)
@@ -188,72 +207,89 @@ def _corner(
         pole_normal(g, row, uv, middle, scratch, normal)
     else:
         crease_normal(g, p, row, f, uv, middle, scratch, normal)
-    return _with_normal(o, first, following, base, normal, uv)
+    return _with_normal(o, base, normal, uv)
 
 
 @leaf
-def _put_segments(b: Boundary, point: Ints, at: Ints, o: Output) -> None:
-    for i in range(len(point)):
-        if point[i] < 0:
+def _put_segments(b: BoundaryRoom, n: int, at: Ints, o: Output) -> None:
+    for i in range(n):
+        if b.point[i] < 0:
             continue
-        p, q = at[point[i]], at[point[b.next[i]]]
+        p, q = at[b.point[i]], at[b.point[b.next[i]]]
         if not _same_place(o, p, q):
             m = o.n[2]
             o.segment[m, 0], o.segment[m, 1] = p, q
             o.n[2] = m + 1
 
 
-@helper
-def emit_face(
-    g: Tables, p: Pieces, row: int, b: Boundary, t: Triangulation, point: Ints, f: Frame, scratch: Floats, o: Output
-) -> Output:
-    """Append a face: boundary points first (each once per lattice point), then inner ones, then triangles.
-
-    Where triangles at one point want different normals it gets a vertex for each, all in the same place.
-    """
-    n = len(b.next)
-    total = t.n[N_POINTS]
-    first = o.n[0]
-    o = _with_room(o, total + n, t.n[N_TRIANGLES], n)
-    at = np.full(total, -1, dtype=np.int64)
-    kind = np.zeros(total, dtype=np.uint8)
-    creased = any_crease(p, row)
-    _put_boundary(p, row, b, point, f, creased, o, at, kind)
-    several = _put_inner(g, p, row, t, f, scratch, creased, o, at, kind)
-    o = _with_room(o, several, 0, 0)
-    following = np.full(o.n[0] - first + several if several > 0 else 0, UNUSED, dtype=np.int64)
-    corners = np.empty(3, dtype=np.int64)
-    own = np.empty(3, dtype=np.int64)
+@leaf
+def _put_triangles(
+    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, o: Output, at: Ints, kind: Flags
+) -> None:
+    """The triangles inside that enclose area, each with the vertices that have the right normals for it."""
     reverse = g.surfaces[row].reversed != 0
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] == 0:
             continue
-        for i in range(3):
-            corners[i] = at[t.tri[k, i]]
+        x, y, z = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+        i, j, m = at[x], at[y], at[z]
         # At a pole, where loops touch and across a closed chord two corners may be one point.
-        if (
-            _same_place(o, corners[0], corners[1])
-            or _same_place(o, corners[1], corners[2])
-            or _same_place(o, corners[2], corners[0])
-        ):
+        if _same_place(o, i, j) or _same_place(o, j, m) or _same_place(o, m, i):
             continue
-        for i in range(3):
-            own[i] = corners[i]
-            if kind[t.tri[k, i]] != ONE:
-                own[i] = _corner(g, p, row, f, o, first, following, kind[t.tri[k, i]], corners, i, scratch)
-        m = o.n[1]
-        o.triangle[m, 0] = own[0]
-        o.triangle[m, 1], o.triangle[m, 2] = (own[2], own[1]) if reverse else (own[1], own[2])
-        o.n[1] = m + 1
-    _put_segments(b, point, at, o)
-    return o
+        first, second, third = i, j, m
+        if kind[x] != ONE:
+            first = _corner(g, p, row, f, o, kind[x], i, j, m, scratch)
+        if kind[y] != ONE:
+            second = _corner(g, p, row, f, o, kind[y], j, m, i, scratch)
+        if kind[z] != ONE:
+            third = _corner(g, p, row, f, o, kind[z], m, i, j, scratch)
+        n = o.n[1]
+        o.triangle[n, 0] = first
+        o.triangle[n, 1], o.triangle[n, 2] = (third, second) if reverse else (second, third)
+        o.n[1] = n + 1
 
 
-@helper
-def emit_points(b: Boundary, o: Output) -> Output:
-    """Append a face that has no triangles: its boundary points alone, so that it is not lost."""
-    n = len(b.next)
-    o = _with_room(o, n, 0, 0)
+@leaf
+def emit_face(g: Tables, p: Pieces, row: int, w: Workspace, o: Output) -> bool:
+    """Append the face in the workspace: boundary points first (each once per lattice point), inner ones, triangles.
+
+    Where triangles at one point want different normals it gets a vertex for each, all in the same place.
+    Returns False where ``o`` has no room for it (see ``with_room``); then nothing has been added.
+    """
+    n = w.size[N_BOUNDARY]
+    points = w.size[CAPACITY] + N_OUTER
+    t = Triangulation(w.room.points[:points], w.room.tri[: triangles_of(points)], w.counts, w.scale)
+    total = t.n[N_POINTS]
+    first = o.n[0]
+    if not _has_room(o, total + n, t.n[N_TRIANGLES], n):
+        return False
+    u0, v0, du, dv = face_frame(w.boundary.box)
+    f = Frame(u0, v0, du, dv)
+    at, kind = w.drawn.owner, w.drawn.kind
+    for c in range(total):
+        at[c], kind[c] = -1, ONE
+    creased = p.table[row, CREASED] != 0
+    _put_boundary(p, row, w.boundary, n, f, creased, o, at, kind)
+    several = _put_inner(g, p, row, t, f, w.scratch, creased, o, at, kind)
+    if several > 0:
+        taken = o.n[0] - first
+        o.n[0] = first
+        if not _has_room(o, taken + several, t.n[N_TRIANGLES], n):
+            return False
+        o.n[0] = first + taken
+        for v in range(first, first + taken):
+            o.following[v] = UNUSED
+    _put_triangles(g, p, row, t, f, w.scratch, o, at, kind)
+    _put_segments(w.boundary, n, at, o)
+    return True
+
+
+@leaf
+def emit_points(w: Workspace, o: Output) -> bool:
+    """Append a face that has no triangles: its boundary points alone, so that it is not lost; False: no room."""
+    n = w.size[N_BOUNDARY]
+    if not _has_room(o, n, 0, 0):
+        return False
     for i in range(n):
-        _put_vertex(o, b.position[i], b.normal[i], b.uv[i, 0], b.uv[i, 1])
-    return o
+        _put_vertex(o, w.boundary.position[i], w.boundary.normal[i], w.boundary.uv[i, 0], w.boundary.uv[i, 1])
+    return True

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, leaf
+from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
@@ -33,14 +33,21 @@ from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_OUTER,
     N_TRIANGLES,
-    Room,
     Triangulation,
-    enough_room,
     insert_point,
-    new_triangulation,
+    start_triangulation,
+    triangles_of,
 )
-from nurbs_ooc.tessellation.trimming import Boundary, gather_boundary, to_lattice
+from nurbs_ooc.tessellation.trimming import Boundary, count_points, gather_boundary, to_lattice
 from nurbs_ooc.tessellation.unfold import unfold_poles
+from nurbs_ooc.tessellation.workspace import (
+    CAPACITY,
+    MORE_BOUNDARY,
+    MORE_CELLS,
+    MORE_POINTS,
+    N_BOUNDARY,
+    Workspace,
+)
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -50,8 +57,8 @@ EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 
-# Codes of a ``Draft``.
-READY, NEEDS_SAMPLES = 0, 1
+# Results of ``tessellate_face``; NO_ROOM: the workspace's ``size`` says what it lacks.
+READY, NEEDS_SAMPLES, NO_ROOM = 0, 1, 2
 # Points of one face, absolutely and by what its grids and boundary promise; a face that wants more keeps
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
@@ -59,21 +66,17 @@ MOST_POINTS = 24.0
 SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
-MAX_BLAMES = 256
 
 
 class Draft(NamedTuple):
-    """A face as ``tessellate_face`` leaves it."""
+    """What ``tessellate_face`` says of a face beside its triangulation."""
 
-    code: int  # READY, or NEEDS_SAMPLES: nothing else counts then
-    boundary: Boundary
-    triangulation: Triangulation
-    point: Ints  # (n_boundary,) boundary to lattice points
-    frame: Frame
-    worst: float  # mm, the largest bound of a triangle
-    extra: float  # mm, what a fallback adds to the trim error
-    status: int
-    reason: int
+    error: Floats  # (4,) mm: largest bound of a triangle, trim error, gap, what a fallback adds to the trim error
+    code: Ints  # (2,) status and reason, 0 unless the face is DEGRADED
+
+
+WORST, TRIM, GAP, EXTRA = 0, 1, 2, 3
+STATUS, REASON = 0, 1
 
 
 @leaf
@@ -138,10 +141,12 @@ def _ask_all(b: Boundary, wanted: Ints) -> None:
         _ask(b, i, 2, wanted)
 
 
-@helper
-def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, pairs: Ints, wanted: Ints) -> tuple[int, float]:
-    """Insert all loop segments; how many crossed others, and the longest of those, mm."""
-    crossed = np.empty(2, dtype=np.int64)
+@leaf
+def _constrain(
+    t: Triangulation, b: Boundary, owner: Ints, pairs: Ints, crossed: Ints, wanted: Ints
+) -> tuple[int, float]:
+    """Insert all loop segments; how many crossed others, and the longest of those, mm. ``crossed`` (2,) is scratch."""
+    point = b.point
     lost = 0
     longest = 0.0
     for i in range(len(point)):
@@ -155,8 +160,9 @@ def _constrain(t: Triangulation, b: Boundary, point: Ints, owner: Ints, pairs: I
 
 
 @leaf
-def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) -> None:
-    """Insert the boundary points; ``point`` maps boundary to lattice points, ``owner`` the first back."""
+def _triangulate_loops(t: Triangulation, b: Boundary, owner: Ints) -> None:
+    """Insert the boundary points; ``b.point`` maps boundary to lattice points, ``owner`` the first back."""
+    point = b.point
     for i in range(len(point)):
         px = to_lattice(b.uv[i, 0], b.box[0], b.box[1])
         py = to_lattice(b.uv[i, 1], b.box[2], b.box[3])
@@ -167,10 +173,11 @@ def _triangulate_loops(t: Triangulation, b: Boundary, point: Ints, owner: Ints) 
 
 @leaf
 def _ask_for_long_segments(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, point: Ints, target: float,
-    check: Check, wanted: Ints,
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, check: Check,
+    wanted: Ints,
 ) -> bool:  # fmt: skip
     """Ask for parts of all boundary segments that break the bound by themselves; whether there are any."""
+    point = b.point
     found = False
     for i in range(len(point)):
         bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check, target)
@@ -188,84 +195,137 @@ def _any_inside(t: Triangulation) -> bool:
     return False
 
 
-@helper
-def _waiting(b: Boundary, t: Triangulation, point: Ints, f: Frame) -> Draft:
-    """A face that has asked for samples."""
-    return Draft(NEEDS_SAMPLES, b, t, point, f, 0.0, 0.0, 0, 0)
-
-
-@helper
-def _nothing_inside(b: Boundary, t: Triangulation, point: Ints, f: Frame, final: bool, wanted: Ints) -> Draft:
+@leaf
+def _nothing_inside(b: Boundary, d: Draft, final: bool, wanted: Ints) -> int:
     """A face whose loops enclose nothing: it asks for twice the samples, or its boundary points stand for it."""
     if not final:
         _ask_all(b, wanted)
-        return _waiting(b, t, point, f)
-    return Draft(READY, b, t, point, f, box_diagonal(b.position), 0.0, DEGRADED, BOX_AS_POINTS)
+        return NEEDS_SAMPLES
+    d.error[WORST] = box_diagonal(b.position)
+    d.code[STATUS], d.code[REASON] = DEGRADED, BOX_AS_POINTS
+    return READY
 
 
-@helper
+@leaf
+def _attempt(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, promised: float,
+    final: bool, w: Workspace, wanted: Ints, d: Draft,
+) -> int:  # fmt: skip
+    """Triangulate and refine in ``t``; NO_ROOM where that is too small, else as ``tessellate_face``."""
+    owner = w.drawn.owner
+    for i in range(len(t.points)):
+        owner[i] = -1
+    d.code[STATUS], d.code[REASON], d.error[EXTRA], d.error[WORST] = 0, 0, 0.0, 0.0
+    _triangulate_loops(t, b, owner)
+    lost, longest = _constrain(t, b, owner, w.room.pairs, w.check.stack, wanted)
+    if lost > 0 and not final:
+        return NEEDS_SAMPLES
+    if lost > 0:
+        mask_inside(t, b, b.point)
+        d.code[STATUS], d.code[REASON], d.error[EXTRA] = DEGRADED, EVEN_ODD_MASK, longest
+    else:
+        flood_inside(t)
+    if not _any_inside(t):
+        return _nothing_inside(b, d, final, wanted)
+    if g.surfaces[row].kind == PLANE:
+        return READY
+    if not final and _ask_for_long_segments(g, p, row, c, f, t, b, target, w.check, wanted):
+        return NEEDS_SAMPLES
+    w.blame[0] = 0
+    code = insert_grids(t, c, f, w.check.stack) if promised < MAX_POINTS else DONE
+    if code == DONE:
+        code, d.error[WORST] = certify(g, p, row, c, f, t, target, w.check, w.blame)
+    if code == FULL:
+        return NO_ROOM
+    if code != DONE and not final:
+        for m in range(w.blame[0]):
+            _ask_between(b, owner, w.blame[3 * m + 1], w.blame[3 * m + 2], w.blame[3 * m + 3], wanted)
+        return NEEDS_SAMPLES
+    return READY
+
+
+@leaf
+def _settle(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, w: Workspace,
+    d: Draft,
+) -> None:  # fmt: skip
+    """Last touches to a curved face's triangles, and what its bound is worth."""
+    unfold_poles(g, p, row, c, f, t, b, w, target)
+    if d.error[WORST] > target:
+        # No point is farther off than the face is large.
+        d.error[WORST] = min(d.error[WORST], surface_diagonal(g, row, b))
+        if d.code[STATUS] == 0:
+            d.code[STATUS], d.code[REASON] = DEGRADED, BUDGET_EXHAUSTED
+
+
+@leaf
+def face_frame(box: Floats) -> tuple[float, float, float, float]:
+    """The ``Frame`` of a face whose parameters lie in ``box`` (4,)."""
+    return box[0], box[2], (box[1] - box[0]) / LATTICE, (box[3] - box[2]) / LATTICE
+
+
+@leaf
 def tessellate_face(
-    g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, check: Check,
-    wanted: Ints, room: Room,
-) -> tuple[Draft, Room]:  # fmt: skip
-    """Triangulate surface ``row`` within ``error`` mm.
+    g: Tables,
+    p: Pieces,
+    samples: EdgeSamples,
+    row: int,
+    error: float,
+    final: bool,
+    w: Workspace,
+    wanted: Ints,
+    d: Draft,
+) -> int:
+    """Triangulate surface ``row`` within ``error`` mm in the workspace.
 
     With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts
-    it must be cut into) and returns NEEDS_SAMPLES. The triangulation lies in ``room``, or in the larger
-    one that is returned.
+    it must be cut into) and returns NEEDS_SAMPLES.
     """
-    b = gather_boundary(g, samples, row)
-    n = len(b.next)
-    point = np.full(n, -1, dtype=np.int64)
-    size_u, size_v = b.box[1] - b.box[0], b.box[3] - b.box[2]
-    f = Frame(b.box[0], b.box[2], size_u / LATTICE, size_v / LATTICE)
-    target = max(error - b.trim - b.gap, error * (1.0 - GAP_SHARE)) * AIM
+    n = count_points(g, samples, row)
+    w.size[N_BOUNDARY], w.size[CAPACITY] = n, 0
+    if n > len(w.boundary.next):
+        w.size[MORE_BOUNDARY] = n
+        return NO_ROOM
+    r = w.boundary
+    trim, gap = gather_boundary(g, samples, row, r, w.scratch)
+    d.error[TRIM], d.error[GAP], d.error[EXTRA] = trim, gap, 0.0
+    b = Boundary(
+        r.uv[:n], r.position[:n], r.normal[:n], r.pole[:n], r.next[:n], r.segment[:n], r.point[:n], r.box, trim, gap
+    )
+    for i in range(n):
+        b.point[i] = -1
+    if n < 3 or b.box[1] <= b.box[0] or b.box[3] <= b.box[2]:
+        return _nothing_inside(b, d, final, wanted)
+    u0, v0, du, dv = face_frame(b.box)
+    f = Frame(u0, v0, du, dv)
+    target = max(error - trim - gap, error * (1.0 - GAP_SHARE)) * AIM
     flat = g.surfaces[row].kind == PLANE
-    if size_u <= 0.0 or size_v <= 0.0 or n < 3:
-        return _nothing_inside(b, new_triangulation(room, 0, 1.0, 1.0), point, f, final, wanted), room
-    c = build_cells(g, p, row, b.box, 1e300 if flat else target)
-    du, dv = _plane_metric(g, row) if flat else _metric(c)
+    n_cells = build_cells(g, p, row, b.box, 1e300 if flat else target, w.cells, w.nets, w.check.stack)
+    if n_cells == 0:
+        w.size[MORE_CELLS] = 1
+        return NO_ROOM
+    c = Cells(w.cells.node[:n_cells], w.cells.box[:n_cells])
+    w.check.near[0] = 0
+    density_u, density_v = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
     capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
-        room = enough_room(room, capacity)
-        t = new_triangulation(room, capacity, du * f.du * LATTICE, dv * f.dv * LATTICE)
-        owner = np.full(capacity + N_OUTER, -1, dtype=np.int64)
-        status, reason, extra = 0, 0, 0.0
-        _triangulate_loops(t, b, point, owner)
-        lost, longest = _constrain(t, b, point, owner, room.pairs, wanted)
-        if lost > 0 and not final:
-            return _waiting(b, t, point, f), room
-        if lost > 0:
-            mask_inside(t, b, point)
-            status, reason, extra = DEGRADED, EVEN_ODD_MASK, longest
-        else:
-            flood_inside(t)
-        if not _any_inside(t):
-            return _nothing_inside(b, t, point, f, final, wanted), room
-        if flat:
-            return Draft(READY, b, t, point, f, 0.0, extra, status, reason), room
-        if not final and _ask_for_long_segments(g, p, row, c, f, t, b, point, target, check, wanted):
-            return _waiting(b, t, point, f), room
-        blame = np.zeros(3 * MAX_BLAMES + 1, dtype=np.int64)
-        code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
-        worst = 0.0
-        if code == DONE:
-            code, worst = certify(g, p, row, c, f, t, target, check, blame)
-        if code == FULL and capacity < most:
-            capacity = min(2 * capacity, most)
-            continue
-        if code == FULL:
-            status, reason, worst = DEGRADED, BUDGET_EXHAUSTED, worst_bound(g, p, row, c, f, t, target, check)
-        elif code != DONE and not final:
-            for m in range(blame[0]):
-                _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
-            return _waiting(b, t, point, f), room
-        unfold_poles(g, p, row, c, f, t, b, owner, target, check)
-        if worst > target:
-            # No point is farther off than the face is large.
-            worst = min(worst, surface_diagonal(g, row, b))
-            if status == 0:
-                status, reason = DEGRADED, BUDGET_EXHAUSTED
-        return Draft(READY, b, t, point, f, worst, extra, status, reason), room
+        if capacity + N_OUTER > len(w.room.points):
+            w.size[MORE_POINTS] = capacity
+            return NO_ROOM
+        w.size[CAPACITY] = capacity
+        points = capacity + N_OUTER
+        t = Triangulation(w.room.points[:points], w.room.tri[: triangles_of(points)], w.counts, w.scale)
+        start_triangulation(t, density_u * du * LATTICE, density_v * dv * LATTICE)
+        code = _attempt(g, p, row, c, f, t, b, target, promised, final, w, wanted, d)
+        if code != NO_ROOM or capacity >= most:
+            break
+        capacity = min(2 * capacity, most)
+    if code == NO_ROOM:
+        d.code[STATUS], d.code[REASON] = DEGRADED, BUDGET_EXHAUSTED
+        d.error[WORST] = worst_bound(g, p, row, c, f, t, target, w.check)
+        code = READY
+    if code == READY and not flat and d.code[REASON] != BOX_AS_POINTS:
+        _settle(g, p, row, c, f, t, b, target, w, d)
+    return code

@@ -52,10 +52,14 @@ def segment_length(b: Boundary, i: int) -> float:
 @leaf
 def box_diagonal(points: Floats) -> float:
     """Diagonal of the box of points (n, 3); 0 of none."""
+    if len(points) == 0:
+        return 0.0
     total = 0.0
     for k in range(3):
-        if len(points):
-            total += (points[:, k].max() - points[:, k].min()) ** 2
+        low, high = points[0, k], points[0, k]
+        for i in range(len(points)):
+            low, high = min(low, points[i, k]), max(high, points[i, k])
+        total += (high - low) ** 2
     return math.sqrt(total)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,31 +80,4 @@ def take_faces(mesh: MeshBatch, at: npt.NDArray[np.int64]) -> MeshBatch:
         pcurve_error=mesh.pcurve_error[at],
         status=mesh.status[at],
         reason=mesh.reason[at],
-    )
-
-
-def join_meshes(meshes: Sequence[MeshBatch]) -> MeshBatch:
-    """All faces of some meshes (at least one), mesh after mesh."""
-    if len(meshes) == 1:
-        return meshes[0]
-    first = np.concatenate([[0], np.cumsum([len(m.positions) for m in meshes])])
-
-    def starts(parts: Iterable[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
-        return np.concatenate([[0], np.cumsum(np.concatenate([np.diff(p) for p in parts]))]).astype(np.int64)
-
-    return MeshBatch(
-        faces=np.concatenate([m.faces for m in meshes]),
-        vertex_start=starts(m.vertex_start for m in meshes),
-        triangle_start=starts(m.triangle_start for m in meshes),
-        segment_start=starts(m.segment_start for m in meshes),
-        positions=np.concatenate([m.positions for m in meshes]),
-        normals=np.concatenate([m.normals for m in meshes]),
-        parameters=np.concatenate([m.parameters for m in meshes]),
-        triangles=np.concatenate([m.triangles + at for m, at in zip(meshes, first, strict=False)]),
-        segments=np.concatenate([m.segments + at for m, at in zip(meshes, first, strict=False)]),
-        surface_error=np.concatenate([m.surface_error for m in meshes]),
-        trim_error=np.concatenate([m.trim_error for m in meshes]),
-        pcurve_error=np.concatenate([m.pcurve_error for m in meshes]),
-        status=np.concatenate([m.status for m in meshes]),
-        reason=np.concatenate([m.reason for m in meshes]),
     )

@@ -12,162 +12,228 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.jit import kernel
-from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
+from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
-from nurbs_ooc.bounds.derivatives import BOXES
-from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
+from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.bounds.strips import PiecesByError
 from nurbs_ooc.geometry.soundness import sound_tables
-from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
-from nurbs_ooc.tessellation.deviation import Check
-from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
+from nurbs_ooc.geometry.tables import Tables, tables
+from nurbs_ooc.tessellation.assemble import Chunk, assemble
+from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
-from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output
-from nurbs_ooc.tessellation.face import BOX_AS_POINTS, DEGRADED, NEEDS_SAMPLES, tessellate_face
+from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
+from nurbs_ooc.tessellation.face import (
+    BOX_AS_POINTS,
+    DEGRADED,
+    EXTRA,
+    GAP,
+    NEEDS_SAMPLES,
+    NO_ROOM,
+    READY,
+    REASON,
+    STATUS,
+    TRIM,
+    WORST,
+    Draft,
+    tessellate_face,
+)
 from nurbs_ooc.tessellation.fallback import box_diagonal
-from nurbs_ooc.tessellation.mesh import MeshBatch, join_meshes, take_faces
-from nurbs_ooc.tessellation.triangulate import room_for
+from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.workers import chunk_runner
+from nurbs_ooc.tessellation.workspace import Workspace, larger, new_workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+# Edges per call of a kernel: they take a tenth of the time of faces.
+EDGE_CHUNK = 256
 # Rounds of "more samples on these segments".
 MAX_ROUNDS = 7
+# Beside the results of ``tessellate_face``: the arrays that faces are appended to are full.
+NO_OUTPUT = 3
+# Vertices of a face that there is room for at first.
+FIRST_VERTICES = 256
 NO_TRIANGLES = int(FaceReason.NO_TRIANGLES)
 # Smallest error that is taken at its word, relative to the size of the coordinates: a few units of roundoff.
 SMALLEST_ERROR = 2.0**-46
 
 
-@kernel
-def _faces(
-    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, low: int, high: int, error: float, final: bool,
-    wanted: Ints,
-) -> tuple[Output, Ints, Ints, Floats]:  # fmt: skip
-    """Tessellate faces[low:high]: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 3)."""
-    o = new_output(256 * (high - low))
-    ends = np.zeros((high - low, 3), dtype=np.int64)
-    codes = np.zeros((high - low, 3), dtype=np.int64)
-    errors = np.zeros((high - low, 3))
-    check = Check(np.empty(3 + BOXES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64))
-    scratch = np.empty((4, MAX_DEGREE + 2))
-    room = room_for(1024)
-    for i in range(high - low):
-        row = faces[low + i]
+@leaf
+def _finish_face(
+    g: Tables, p: Pieces, row: int, w: Workspace, d: Draft, o: Output, codes: Ints, errors: Floats
+) -> bool:
+    """Append the face in the workspace to ``o``, with its codes (3,) and errors (3,); False if there is no room."""
+    first, drawn = o.n[0], o.n[1]
+    points = d.code[REASON] == BOX_AS_POINTS
+    if not (emit_points(w, o) if points else emit_face(g, p, row, w, o)):
+        return False
+    errors[0], errors[1], errors[2] = d.error[WORST], d.error[TRIM] + d.error[EXTRA], d.error[GAP]
+    if not points and o.n[1] == drawn and codes[1] < DEGRADED:
+        # Every triangle has two corners in one place: its points alone stand for it.
+        codes[1], codes[2] = DEGRADED, NO_TRIANGLES
+        errors[1] += box_diagonal(o.position[first : o.n[0]])
+    return True
+
+
+@leaf
+def _face_after_face(
+    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, start: int, error: float, final: bool, wanted: Ints,
+    w: Workspace, d: Draft, o: Output, ends: Ints, codes: Ints, errors: Floats, drafted: bool,
+) -> tuple[int, int]:  # fmt: skip
+    """Tessellate faces[start:] until something is too small: how far it came, and NO_ROOM in ``w`` or NO_OUTPUT.
+
+    With ``drafted`` the first of them is in the workspace already.
+    """
+    for i in range(start, len(faces)):
+        row = faces[i]
         s = g.surfaces[row]
-        codes[i, 1], codes[i, 2] = s.status, s.reason
-        if s.status != 3:
-            d, room = tessellate_face(g, p, samples, row, error, final, check, wanted, room)
-            codes[i, 0] = d.code
-            if d.status > codes[i, 1]:
-                codes[i, 1], codes[i, 2] = d.status, d.reason
-            if d.code != NEEDS_SAMPLES:
-                b = d.boundary
-                first, drawn = o.n[0], o.n[1]
-                extra = d.extra
-                if d.reason == BOX_AS_POINTS:
-                    o = emit_points(b, o)
-                else:
-                    o = emit_face(g, p, row, b, d.triangulation, d.point, d.frame, scratch, o)
-                    if o.n[1] == drawn and codes[i, 1] < DEGRADED:
-                        # Every triangle has two corners in one place: its points alone stand for it.
-                        codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
-                        extra += box_diagonal(o.position[first : o.n[0]])
-                errors[i, 0], errors[i, 1], errors[i, 2] = d.worst, b.trim + extra, b.gap
+        if s.status == 3:
+            codes[i, 1], codes[i, 2] = s.status, s.reason
+        else:
+            code = READY
+            if not (drafted and i == start):
+                d.code[STATUS], d.code[REASON] = 0, 0
+                code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
+                if code == NO_ROOM:
+                    return i, NO_ROOM
+                codes[i, 0], codes[i, 1], codes[i, 2] = code, s.status, s.reason
+                if d.code[STATUS] > codes[i, 1]:
+                    codes[i, 1], codes[i, 2] = d.code[STATUS], d.code[REASON]
+            if code == READY and not _finish_face(g, p, row, w, d, o, codes[i], errors[i]):
+                return i, NO_OUTPUT
         for k in range(3):
             ends[i, k] = o.n[k]
+    return len(faces), READY
+
+
+@kernel
+def _faces(
+    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints
+) -> tuple[Output, Ints, Ints, Floats]:
+    """Tessellate some faces: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 3)."""
+    n = len(faces)
+    o = new_output(FIRST_VERTICES * n)
+    ends = np.zeros((n, 3), dtype=np.int64)
+    codes = np.zeros((n, 3), dtype=np.int64)
+    errors = np.zeros((n, 3))
+    w = new_workspace(g)
+    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64))
+    done = 0
+    drafted = False
+    while done < n:
+        done, lack = _face_after_face(
+            g, p, samples, faces, done, error, final, wanted, w, d, o, ends, codes, errors, drafted
+        )
+        drafted = lack == NO_OUTPUT
+        if lack == NO_ROOM:
+            w = larger(w)
+        elif lack == NO_OUTPUT:
+            o = with_room(o)
     return o, ends, codes, errors
 
 
 def _run_faces(
     g: Tables, pieces: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints,
     run: Callable[..., list[Any]],
-) -> list[Any]:  # fmt: skip
+) -> list[Chunk]:  # fmt: skip
     """All faces in chunks; ``wanted`` (n_samples,) becomes the largest of the threads' own."""
 
     def chunk(low: int, high: int) -> Any:
         own = np.zeros_like(wanted)
-        return (*_faces(g, pieces, samples, faces, low, high, error, final, own), own)
+        return _faces(g, pieces, samples, faces[low:high], error, final, own), own
 
     results = run(chunk, len(faces))
-    for result in results:
-        np.maximum(wanted, result[4], out=wanted)
-    return results
+    for _, own in results:
+        np.maximum(wanted, own, out=wanted)
+    return [Chunk(*result) for result, _ in results]
 
 
-def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
-    """Exact faces that a gap in the file keeps above the error asked for are healed, and say why.
-
-    Without the gap they would have kept it: what surface and trim take is within the error.
-    """
-    over = (errors.sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
-    kept_open = over & (codes[:, 1] == FaceStatus.EXACT)
-    codes[kept_open, 1] = FaceStatus.HEALED
-    codes[kept_open, 2] = FaceReason.FILE_GAP
-
-
-def _join(geometry: GeometryBatch, faces: Ints, results: list[Any], error: float) -> MeshBatch:
-    """Concatenate the chunks' arrays into one mesh; faces that wait for samples have no vertices in it."""
-    counts = [np.diff(r[1], axis=0, prepend=np.zeros((1, 3), np.int64)) for r in results]
-    per_face = np.concatenate(counts) if counts else np.zeros((0, 3), np.int64)
-    starts = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(per_face, axis=0)])
-    base = np.concatenate([[0], np.cumsum([r[0].n[0] for r in results])]).astype(np.int64)
-    codes = np.concatenate([r[2] for r in results]) if results else np.zeros((0, 3), np.int64)
-    errors = np.concatenate([r[3] for r in results]) if results else np.zeros((0, 3))
-
-    def joined(name: str, which: int, columns: int, dtype: type, offset: bool = False) -> Any:
-        parts = []
-        for r, start in zip(results, base, strict=False):
-            part = getattr(r[0], name)[: r[0].n[which]]
-            parts.append(part + start if offset else part)
-        return np.concatenate(parts) if parts else np.zeros((0, columns), dtype)
-
-    _name_gaps(codes, errors, error)
-    return MeshBatch(
-        faces=faces,
-        vertex_start=starts[:, 0].copy(),
-        triangle_start=starts[:, 1].copy(),
-        segment_start=starts[:, 2].copy(),
-        positions=joined("position", 0, 3, np.float64),
-        normals=joined("normal", 0, 3, np.float64),
-        parameters=joined("uv", 0, 2, np.float64),
-        triangles=joined("triangle", 1, 3, np.int64, offset=True),
-        segments=joined("segment", 2, 2, np.int64, offset=True),
-        surface_error=errors[:, 0].copy(),
-        trim_error=errors[:, 1].copy(),
-        pcurve_error=errors[:, 2] + geometry.surfaces["approximation_error"][faces],
-        status=codes[:, 1].astype(np.uint8),
-        reason=codes[:, 2].astype(np.uint16),
-    )
-
-
-def _waiting(results: list[Any]) -> npt.NDArray[np.bool_]:
+def _waiting(chunks: list[Chunk]) -> npt.NDArray[np.bool_]:
     """Mask of the faces of a round that asked for samples."""
-    return np.concatenate([r[2][:, 0] == NEEDS_SAMPLES for r in results]) if results else np.zeros(0, bool)
+    return np.concatenate([c.codes[:, 0] == NEEDS_SAMPLES for c in chunks]) if chunks else np.zeros(0, bool)
 
 
-def _latest(rounds: list[MeshBatch], faces: Ints) -> MeshBatch:
-    """Each of ``faces`` as the last round that did it left it."""
-    if len(rounds) == 1 and np.array_equal(rounds[0].faces, faces):
-        return rounds[0]
-    mesh = join_meshes(rounds)
-    place = np.full(int(mesh.faces.max(initial=-1)) + 1, -1, np.int64)
-    place[mesh.faces] = np.arange(len(mesh.faces))
-    return take_faces(mesh, place[faces])
+def _mask(rows: Ints, n: int) -> npt.NDArray[np.bool_]:
+    mask = np.zeros(n, np.bool_)
+    mask[rows] = True
+    return mask
 
 
-def _checked_error(geometry: GeometryBatch, chord_error: float) -> float:
-    """The error, if it is one that float64 coordinates of this size can keep."""
-    if not (chord_error > 0.0 and np.isfinite(chord_error)):
-        raise UsageError(f"chord error {chord_error} mm: must be finite and above 0")
+def smallest_error(geometry: GeometryBatch) -> float:
+    """The smallest chord error, mm, that float64 coordinates of this size can keep."""
     finite = geometry.vertices[np.isfinite(geometry.vertices)]
-    size = float(np.abs(finite).max()) if len(finite) else 0.0
-    if chord_error < size * SMALLEST_ERROR:
-        raise UsageError(
-            f"chord error {chord_error} mm: below {size * SMALLEST_ERROR:.3g} mm, "
-            f"the resolution of float64 coordinates of {size:.6g} mm"
-        )
-    return float(chord_error)
+    return SMALLEST_ERROR * (float(np.abs(finite).max()) if len(finite) else 0.0)
+
+
+class Tessellator:
+    """Meshes of one part, or of several in one batch, at one error after another.
+
+    What does not depend on the error is found once: that is half of the time of a coarse mesh.
+
+    Args:
+        geometry: the part, whole: edges are sampled as all faces that use them need.
+    """
+
+    def __init__(self, geometry: GeometryBatch) -> None:
+        self._geometry = geometry
+        self._g = sound_tables(tables(geometry))
+        self._pieces = PiecesByError(self._g)
+        self._curves = curve_pieces(self._g)
+        self._uses = edge_uses(self._g)
+
+    def mesh(
+        self,
+        chord_error: float,
+        *,
+        faces: npt.NDArray[np.int64] | None = None,
+        present: npt.NDArray[np.int64] | None = None,
+        workers: int = 1,
+    ) -> MeshBatch:
+        """Triangulate faces so that each differs from its surface by at most ``chord_error``.
+
+        Args:
+            chord_error: mm, finite and > 0; below ``smallest_error`` more triangles do not help.
+            faces: (n,) distinct rows to return, default all that are present.
+            present: (m,) the rows that the part counts as consisting of, ``faces`` among them, default
+                all. The others have no say in how edges are sampled.
+            workers: threads; the result does not depend on it.
+
+        Returns:
+            As ``tessellate``.
+        """
+        n = len(self._geometry)
+        uses = self._uses if present is None else uses_of_faces(self._uses, _mask(present, n))
+        wished = np.arange(n, dtype=np.int64) if present is None else np.asarray(present, np.int64)
+        if faces is not None:
+            wished = np.asarray(faces, np.int64)
+        rows = with_neighbours(self._g, uses, wished)
+        if present is not None:
+            # What is further off does not reach them: edges that none of these uses are not sampled.
+            near = with_neighbours(self._g, uses, rows)
+            uses = uses_of_faces(uses, _mask(near, n))
+        error = float(chord_error)
+        approximation = self._geometry.surfaces["approximation_error"][wished]
+        return assemble(self._rounds(uses, rows, error, workers), wished, error, approximation)
+
+    def _rounds(self, uses: EdgeUses, rows: Ints, error: float, workers: int) -> list[tuple[Ints, list[Chunk]]]:
+        """The faces ``rows``, then again and again those that edges with more samples have changed."""
+        g, run, run_edges = self._g, chunk_runner(workers), chunk_runner(workers, EDGE_CHUNK)
+        pieces = self._pieces.at(error)
+        samples = sample_edges(g, pieces, self._curves, uses, error, run_edges)
+        rounds: list[tuple[Ints, list[Chunk]]] = []
+        for turn in range(MAX_ROUNDS + 1):
+            parts = np.zeros(len(samples.t), np.int64)
+            chunks = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
+            rounds.append((rows, chunks))
+            if not parts.any() or turn == MAX_ROUNDS:
+                break
+            samples, changed = split_segments(g, uses, samples, parts, run_edges)
+            # Once more: who asked, and who looks at an edge that has changed.
+            again = faces_of_edges(g, uses, changed)
+            again[rows[_waiting(chunks)]] = True
+            rows = np.intersect1d(np.flatnonzero(again), rounds[0][0])
+        return rounds
 
 
 def tessellate(
@@ -179,6 +245,8 @@ def tessellate(
     workers: int = 1,
 ) -> MeshBatch:
     """Triangulate faces of a part so that each differs from its surface by at most ``chord_error``.
+
+    For one part at several errors see ``Tessellator``.
 
     Args:
         geometry: the part, whole: edges are sampled as all faces that use them need.
@@ -195,26 +263,14 @@ def tessellate(
     Raises:
         UsageError: the error is not positive or beyond float64.
     """
-    error = _checked_error(geometry, chord_error)
+    if not (chord_error > 0.0 and np.isfinite(chord_error)):
+        raise UsageError(f"chord error {chord_error} mm: must be finite and above 0")
+    smallest = smallest_error(geometry)
+    if chord_error < smallest:
+        raise UsageError(
+            f"chord error {chord_error} mm: below {smallest:.3g} mm, "
+            f"the resolution of float64 coordinates of {smallest / SMALLEST_ERROR:.6g} mm"
+        )
     if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    g = sound_tables(tables(geometry))
-    run = chunk_runner(workers)
-    pieces = surface_pieces(g, error)
-    uses = edge_uses(g)
-    wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
-    samples = sample_edges(g, pieces, curve_pieces(g), uses, error, run)
-    rows = with_neighbours(g, uses, wished)
-    rounds = []
-    for turn in range(MAX_ROUNDS + 1):
-        parts = np.zeros(len(samples.t), np.int64)
-        results = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
-        rounds.append(_join(geometry, rows, results, error))
-        if not parts.any() or turn == MAX_ROUNDS:
-            break
-        samples, changed = split_segments(g, uses, samples, parts, run)
-        # Once more: who asked, and who looks at an edge that has changed.
-        again = faces_of_edges(g, uses, changed)
-        again[rows[_waiting(results)]] = True
-        rows = np.intersect1d(np.flatnonzero(again), rounds[0].faces)
-    return _latest(rounds, wished)
+    return Tessellator(geometry).mesh(chord_error, faces=faces, workers=workers)

@@ -55,7 +55,7 @@ class Triangulation(NamedTuple):
 
 
 @leaf
-def _triangles_of(points: int) -> int:
+def triangles_of(points: int) -> int:
     """Room for the triangles of that many points."""
     return 2 * points + 64
 
@@ -66,27 +66,14 @@ def room_for(capacity: int) -> Room:
     points = capacity + N_OUTER
     return Room(
         np.empty((points, 3), dtype=np.int64),
-        np.empty((_triangles_of(points), COLUMNS), dtype=np.int64),
-        np.empty((_triangles_of(points), 4), dtype=np.int64),
+        np.empty((triangles_of(points), COLUMNS), dtype=np.int64),
+        np.empty((triangles_of(points), 4), dtype=np.int64),
     )
 
 
-@helper
-def enough_room(r: Room, capacity: int) -> Room:
-    """``r`` if it holds ``capacity`` points, else a larger one."""
-    return r if capacity + N_OUTER <= len(r.points) else room_for(2 * capacity)
-
-
-@helper
-def new_triangulation(r: Room, capacity: int, sx: float, sy: float) -> Triangulation:
-    """An empty one for up to ``capacity`` points, which ``r`` has room for: the outer box, cut into two triangles."""
-    points = capacity + N_OUTER
-    t = Triangulation(
-        r.points[:points],
-        r.tri[: _triangles_of(points)],
-        np.zeros(3, dtype=np.int64),
-        np.empty(2),
-    )
+@leaf
+def start_triangulation(t: Triangulation, sx: float, sy: float) -> None:
+    """Let ``t`` be empty: the outer box, cut into two triangles."""
     margin = LATTICE // 4
     low, high = -margin, LATTICE + margin
     t.points[0, 0], t.points[0, 1] = low, low
@@ -105,7 +92,16 @@ def new_triangulation(r: Room, capacity: int, sx: float, sy: float) -> Triangula
             t.tri[k, column] = 0
     t.n[N_POINTS] = N_OUTER
     t.n[N_TRIANGLES] = 2
+    t.n[LAST] = 0
     t.scale[0], t.scale[1] = sx, sy
+
+
+@helper
+def new_triangulation(r: Room, capacity: int, sx: float, sy: float) -> Triangulation:
+    """An empty one for up to ``capacity`` points, which ``r`` has room for."""
+    points = capacity + N_OUTER
+    t = Triangulation(r.points[:points], r.tri[: triangles_of(points)], np.zeros(3, dtype=np.int64), np.empty(2))
+    start_triangulation(t, sx, sy)
     return t
 
 

@@ -14,12 +14,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, leaf
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
-from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.edges import EdgeSamples
+from nurbs_ooc.tessellation.workspace import BoundaryRoom
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -35,13 +37,15 @@ class Boundary(NamedTuple):
     pole: Flags  # (n,) 1: the surface has no normal at the point's (u, v)
     next: Ints  # (n,)
     segment: Ints  # (n,) number, among the edge samples, of the segment that starts here
+    point: Ints  # (n,) lattice point
     box: Floats  # (4,) u0, u1, v0, v1 of all points
     trim: float  # mm, bound of the slivers between p-curves and segments
     gap: float  # mm, largest distance between a position and the surface at its (u, v)
 
 
 @leaf
-def _count_points(g: Tables, samples: EdgeSamples, row: int) -> int:
+def count_points(g: Tables, samples: EdgeSamples, row: int) -> int:
+    """How many points the boundary of surface ``row`` has."""
     s = g.surfaces[row]
     n = 0
     for m in range(s.first_loop, s.first_loop + s.n_loops):
@@ -51,22 +55,19 @@ def _count_points(g: Tables, samples: EdgeSamples, row: int) -> int:
     return n
 
 
-@helper
-def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
-    """Collect the loops of surface ``row``; each coedge gives its samples but the last."""
+@leaf
+def gather_boundary(g: Tables, samples: EdgeSamples, row: int, r: BoundaryRoom, scratch: Floats) -> tuple[float, float]:
+    """Collect the loops of surface ``row``, ``count_points`` of them, in ``r``; the trim error and the gap, mm.
+
+    Each coedge gives its samples but the last.
+    """
     s = g.surfaces[row]
-    n = _count_points(g, samples, row)
-    uv = np.empty((n, 2))
-    position = np.empty((n, 3))
-    normal = np.empty((n, 3))
-    pole = np.zeros(n, dtype=np.uint8)
-    follow = np.empty(n, dtype=np.int64)
-    segments = np.empty(n, dtype=np.int64)
-    scratch = np.empty((4, MAX_DEGREE + 2))
-    point = np.empty(12)
+    point = local_line(12)
     trim = 0.0
     gap = 0.0
     at = 0
+    for k in range(2):
+        r.box[2 * k], r.box[2 * k + 1] = np.inf, -np.inf
     for m in range(s.first_loop, s.first_loop + s.n_loops):
         start = at
         for c in range(g.loops[m].first_coedge, g.loops[m].first_coedge + g.loops[m].n_coedges):
@@ -86,20 +87,18 @@ def gather_boundary(g: Tables, samples: EdgeSamples, row: int) -> Boundary:
                 if i == high - low - 1:
                     # The next coedge gives this point; here only the gap at its end counts.
                     break
-                pole[at] = 0 if surface_normal(g, row, u, v, scratch, point, normal[at]) else 1
-                uv[at, 0], uv[at, 1] = u, v
+                r.pole[at] = 0 if surface_normal(g, row, u, v, scratch, point, r.normal[at]) else 1
+                r.uv[at, 0], r.uv[at, 1] = u, v
+                r.box[0], r.box[1] = min(r.box[0], u), max(r.box[1], u)
+                r.box[2], r.box[3] = min(r.box[2], v), max(r.box[3], v)
                 for d in range(3):
-                    position[at, d] = samples.position[k, d]
-                follow[at] = at + 1
-                segments[at] = k - 1 if coedge.reversed else k
+                    r.position[at, d] = samples.position[k, d]
+                r.next[at] = at + 1
+                r.segment[at] = k - 1 if coedge.reversed else k
                 at += 1
         if at > start:
-            follow[at - 1] = start
-    box = np.zeros(4)
-    if n > 0:
-        box[0], box[1] = uv[:, 0].min(), uv[:, 0].max()
-        box[2], box[3] = uv[:, 1].min(), uv[:, 1].max()
-    return Boundary(uv, position, normal, pole, follow, segments, box, trim, gap)
+            r.next[at - 1] = start
+    return trim, gap
 
 
 @leaf

@@ -22,11 +22,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, leaf
+from nurbs_cache.jit import leaf
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import orient
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
-from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
 from nurbs_ooc.tessellation.deviation import Check, Frame, points_bound
 from nurbs_ooc.tessellation.triangulate import (
@@ -40,6 +41,7 @@ from nurbs_ooc.tessellation.triangulate import (
     opposite,
 )
 from nurbs_ooc.tessellation.trimming import Boundary
+from nurbs_ooc.tessellation.workspace import Workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -57,7 +59,6 @@ class Drawn(NamedTuple):
     known: Flags  # (n,)
     owner: Ints  # (n,) boundary point of a lattice point, -1 for inner ones
     scratch: Floats  # (4, MAX_DEGREE + 2)
-    at: Floats  # (12,)
 
 
 @leaf
@@ -88,12 +89,13 @@ def _look(g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, d: Drawn
     u, v = f.u0 + t.points[i, 0] * f.du, f.v0 + t.points[i, 1] * f.dv
     if k >= 0:
         u, v = b.uv[k, 0], b.uv[k, 1]
-    surface_point(g, row, u, v, d.scratch, d.at)
+    at = local_line(12)
+    surface_point(g, row, u, v, d.scratch, at)
     sign = -1.0 if g.surfaces[row].reversed else 1.0
-    if not surface_normal(g, row, u, v, d.scratch, d.at, d.normal[i]):
+    if not surface_normal(g, row, u, v, d.scratch, at, d.normal[i]):
         sign = 0.0
     for m in range(3):
-        d.place[i, m] = b.position[k, m] if k >= 0 else d.at[m]
+        d.place[i, m] = b.position[k, m] if k >= 0 else at[m]
         d.normal[i, m] *= sign
 
 
@@ -170,20 +172,21 @@ def _pass(
     return turned
 
 
-@helper
+@leaf
 def unfold_poles(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, owner: Ints, target: float,
-    check: Check,
-) -> None:  # fmt: skip
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, w: Workspace, target: float
+) -> None:
     """Flip edges of folded triangles of a face with poles, where no bound exceeds ``target``, mm.
 
-    ``owner`` gives the boundary point of a lattice point, -1 for inner ones.
+    ``w.drawn.owner`` gives the boundary point of a lattice point, -1 for inner ones.
     """
     if not _any_pole(b):
         return
     n = t.n[N_POINTS]
-    known = np.zeros(n, dtype=np.uint8)
-    d = Drawn(np.empty((n, 3)), np.empty((n, 3)), known, owner, np.empty((4, MAX_DEGREE + 2)), np.empty(12))
+    r = w.drawn
+    for i in range(n):
+        r.kind[i] = 0
+    d = Drawn(r.place[:n], r.normal[:n], r.kind[:n], r.owner[:n], w.scratch)
     for _ in range(MAX_PASSES):
-        if not _pass(g, p, row, c, f, t, b, target, check, d):
+        if not _pass(g, p, row, c, f, t, b, target, w.check, d):
             break

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+# Items per call where one thread does them all: what comes out of a call is copied once more if there are several.
+ALONE = 8192
 # Items per call: long enough that a call's overhead (some 50 µs) vanishes, short enough to share out.
 CHUNK = 64
 
@@ -19,8 +21,10 @@ def chunk_runner(workers: int, chunk: int = CHUNK) -> Callable[[Callable[[int, i
 
     Args:
         workers: threads; 1 runs in the caller's.
-        chunk: items per call.
+        chunk: items per call of several threads.
     """
+    if workers <= 1:
+        chunk = ALONE
 
     def run(kernel: Callable[[int, int], Any], n: int) -> list[Any]:
         ranges = [(low, min(low + chunk, n)) for low in range(0, n, chunk)]

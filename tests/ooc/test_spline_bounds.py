@@ -13,8 +13,9 @@ from nurbs_ooc.bounds.creases import HIDDEN, JUMP, REACH
 from nurbs_ooc.bounds.curve_bounds import D1, D2, D2_X, HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces, box_bounds, box_boxes, creases_in_box, surface_pieces
-from nurbs_ooc.bounds.triangle_bound import largest_mean, norm_bound, vector_bound
+from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces, box_bounds, box_boxes, creases_in_box
+from nurbs_ooc.bounds.strips import surface_pieces
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, largest_mean, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import bezier_net
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
@@ -65,11 +66,12 @@ def _net_bounds(g: Tables, box: Floats) -> Floats:
     """What ``_triangle`` takes, over a box inside one span."""
     net = np.empty((MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4)
     bounds = np.empty(5)
-    out = np.empty(3 + BOXES)
+    out = np.empty(MEASURES)
     s = g.surfaces[0]
     dim = bezier_net(g, 0, box[0], box[1], box[2], box[3], net)
     net_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], bounds, out[3:])
     out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+    box_radii(out)
     return out
 
 
@@ -118,6 +120,12 @@ def test_bounds_hold_on_every_span(p: int, q: int) -> None:
             assert (true >= low - 1e-7).all() and (true <= high + 1e-7).all()
 
 
+def measures(bounds: Floats, boxes: Floats) -> Floats:
+    """What ``_triangle`` takes: norms, boxes and half their diagonals."""
+    radii = 0.5 * np.linalg.norm(np.diff(boxes.reshape(3, 2, 3), axis=1)[:, 0], axis=1)
+    return np.concatenate([bounds[[MUU, MUV, MVV]], boxes, radii])
+
+
 def test_triangles_are_as_near_as_their_bounds_say() -> None:
     geometry, spline = one_surface(3, 4, [0.5], [0.25, 0.7], 5)
     g = tables(geometry)
@@ -133,7 +141,7 @@ def test_triangles_are_as_near_as_their_bounds_say() -> None:
         t = rng.uniform(0, 0.8, 2) + rng.uniform(0, 0.2, (3, 2)) * rng.choice([1.0, 0.1])
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, pieces, np.array([low[0], high[0], low[1], high[1]]))
-        m = np.concatenate([bounds[[MUU, MUV, MVV]], boxes])
+        m = measures(bounds, boxes)
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
         assert creases == 0.0
         assert off <= _triangle(m, t, False) and off <= _triangle(m, t, True)
@@ -157,7 +165,7 @@ def test_a_strip_between_close_knots_is_charged_as_a_crease() -> None:
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, loose, np.array([low[0], high[0], low[1], high[1]]))
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
-        bound = creases + _triangle(np.concatenate([bounds[[MUU, MUV, MVV]], boxes]), t, True)
+        bound = creases + _triangle(measures(bounds, boxes), t, True)
         assert creases > 0.0 and off <= bound
         sharp, _, _ = _over(g, strict, np.array([low[0], high[0], low[1], high[1]]))
         assert bound < 0.1 * sharp[MUU] * (high[0] - low[0]) ** 2 / 8.0

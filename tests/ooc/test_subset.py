@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from nurbs_cache.surface_record import (
     GeometryBatch,
     SurfaceKind,
 )
+from nurbs_ooc.geometry.join import join_parts
 from nurbs_ooc.geometry.subset import expand, subset
 
 
@@ -123,6 +125,26 @@ def test_keeps_only_what_is_used(seed: int) -> None:
     assert used - {-1} == set(range(len(small.curves)))
     assert subset(small, [0]).to_bytes() == small.to_bytes()
     assert GeometryBatch.from_bytes(small.to_bytes()).to_bytes() == small.to_bytes()
+
+
+@pytest.mark.parametrize("seeds", [[3], [1, 2], [4, 0, 4, 7]])
+def test_joined_parts_keep_their_surfaces(seeds: list[int]) -> None:
+    parts = [random_part(seed) for seed in seeds]
+    before = [part.to_bytes() for part in parts]
+    whole = join_parts(parts)
+    expected = [resolve_surface(part, row) for part in parts for row in range(len(part))]
+    assert [resolve_surface(whole, row) for row in range(len(whole))] == expected
+    assert [part.to_bytes() for part in parts] == before
+    assert join_parts(parts).to_bytes() == whole.to_bytes()
+
+
+def test_joined_parts_without_names_have_none_of_others() -> None:
+    named, bare = random_part(0), dataclasses.replace(random_part(1), sources=[])
+    whole = join_parts([bare, named, subset(named, [])])
+    assert (whole.surfaces["source"][: len(bare)] == -1).all()
+    assert [whole.sources[row] for row in whole.surfaces["source"][len(bare) :]] == [
+        named.sources[row] for row in named.surfaces["source"]
+    ]
 
 
 def test_no_rows_give_an_empty_batch() -> None:

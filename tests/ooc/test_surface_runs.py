@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +15,16 @@ from nurbs_cache.store import Store
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.mesh_demand import MeshDemand, key_levels, key_surfaces, mesh_keys
-from nurbs_ooc.build.surface_meshes import mesh_part
+from nurbs_ooc.build.run_geometry import RunGeometry
+from nurbs_ooc.build.surface_meshes import mesh_levels
 from nurbs_ooc.build.surface_runs import geometry_around, surface_runs
+from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_ooc.geometry.join import join_parts
+from nurbs_ooc.geometry.sample_faces import add_plane
+from nurbs_ooc.geometry.subset import subset
 from nurbs_ooc.hlod.mesh_pool import MeshPool
-from nurbs_ooc.tessellation.tessellate import tessellate
+from nurbs_ooc.tessellation.mesh import MeshBatch, take_faces
+from nurbs_ooc.tessellation.tessellate import Tessellator, smallest_error, tessellate
 from tests.ooc.test_build_resume import environment
 
 
@@ -32,25 +39,66 @@ def part(tmp_path_factory: pytest.TempPathFactory) -> GeometryBatch:
         return store.get_part(max(range(len(infos)), key=lambda i: infos[i].n_surfaces))
 
 
+def same(one: MeshBatch, other: MeshBatch) -> None:
+    """Both have the same faces, whatever rows these are of."""
+    for field in dataclasses.fields(MeshBatch):
+        if field.name != "faces":
+            assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
+
+
 @pytest.mark.parametrize("error", [4.0, 0.25])
 def test_what_is_far_does_not_change_a_tessellation(part: GeometryBatch, error: float) -> None:
     rows = np.sort(np.random.default_rng(0).permutation(len(part))[:6])
-    near, rows_in_near = geometry_around(part, rows)
+    near, kept = geometry_around(part, rows)
     assert len(near) < len(part)
-    whole, cut = tessellate(part, error, faces=rows), tessellate(near, error, faces=rows_in_near)
-    for name in ("positions", "normals", "triangles", "segments", "surface_error", "trim_error", "pcurve_error"):
-        assert (getattr(whole, name) == getattr(cut, name)).all()
+    whole, cut = tessellate(part, error, faces=rows), tessellate(near, error, faces=np.searchsorted(kept, rows))
+    same(whole, cut)
+
+
+def of_part(part: GeometryBatch, first_surface: int) -> RunGeometry:
+    """A run that is one whole part."""
+    return RunGeometry(part, first_surface + np.arange(len(part)), np.full(len(part), smallest_error(part)))
 
 
 def test_meshes_do_not_depend_on_who_asks(part: GeometryBatch) -> None:
     rng = np.random.default_rng(1)
     surfaces = np.sort(rng.permutation(len(part))[: len(part) // 2]).astype(np.uint64)
     demanded = mesh_keys(surfaces + np.uint64(100), np.full(len(surfaces), -1))
-    whole = MeshPool.join(mesh_part(part, 100, demanded, demanded))
+    whole = MeshPool.join(mesh_levels(of_part(part, 100), demanded, demanded))
     own = demanded[:3]
-    some = MeshPool.join(mesh_part(part, 100, own, demanded))
+    some = MeshPool.join(mesh_levels(of_part(part, 100), own, demanded))
     assert (some.slots["key"] == own).all()
     assert (some.slots["checksum"] == whole.slots["checksum"][:3]).all()
+
+
+@pytest.mark.parametrize("error", [4.0, 0.25])
+def test_faces_that_are_not_present_have_no_say(part: GeometryBatch, error: float) -> None:
+    rng = np.random.default_rng(3)
+    present = np.sort(rng.permutation(len(part))[: len(part) // 2])
+    faces = np.sort(rng.permutation(present)[:7])
+    expected = tessellate(subset(part, present), error, faces=np.searchsorted(present, faces))
+    same(Tessellator(part).mesh(error, faces=faces, present=present), expected)
+
+
+def test_parts_in_one_batch_are_as_if_alone(part: GeometryBatch) -> None:
+    parts = [subset(part, np.arange(low, high)) for low, high in ((3, 9), (20, 60), (9, 11))]
+    mesh = Tessellator(join_parts(parts)).mesh(0.5)
+    first = 0
+    for alone in parts:
+        same(take_faces(mesh, np.arange(first, first + len(alone))), tessellate(alone, 0.5))
+        first += len(alone)
+
+
+def test_a_level_beyond_float64_is_that_of_float64() -> None:
+    builder = BatchBuilder()
+    add_plane(builder, 1e9, 1e9)
+    add_plane(builder, 1.0, 1.0)
+    part = builder.build()
+    near = dataclasses.replace(of_part(part, 0), smallest=np.array([smallest_error(part), 0.0]))
+    keys = np.sort(mesh_keys(np.array([0, 1, 1], np.uint64), np.array([-40, -40, 3])))
+    pools = mesh_levels(near, keys, keys)
+    assert [pool.slots["key"].tolist() for pool in pools] == [keys[:2].tolist(), keys[2:].tolist()]
+    assert MeshPool.join(pools).slots["n_triangles"].tolist() == [2, 2, 2]
 
 
 def test_runs_hold_every_surface_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -12,10 +13,19 @@ from nurbs_cache.errors import UsageError
 from nurbs_cache.surface_record import FaceStatus, GeometryBatch, SurfaceKind
 from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
 from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
-from nurbs_ooc.geometry.sample_faces import add_cone, add_cylinder, add_patch, add_plane, add_sphere, add_torus
+from nurbs_ooc.geometry.sample_faces import (
+    add_cone,
+    add_cylinder,
+    add_face,
+    add_patch,
+    add_plane,
+    add_sphere,
+    add_torus,
+    uniform_knots,
+)
 from nurbs_ooc.measure.attack_mesh import attack_mesh
 from nurbs_ooc.tessellation.mesh import MeshBatch
-from nurbs_ooc.tessellation.tessellate import tessellate
+from nurbs_ooc.tessellation.tessellate import Tessellator, tessellate
 
 ERRORS = (0.1, 1e-2, 1e-3)
 
@@ -150,6 +160,25 @@ def test_result_does_not_depend_on_workers_or_on_the_faces_asked_for() -> None:
         mine = some.positions[some.triangles[some.triangle_start[i] : some.triangle_start[i + 1]]]
         whole = one.positions[one.triangles[one.triangle_start[row] : one.triangle_start[row + 1]]]
         assert np.array_equal(mine, whole)
+
+
+def add_strips(builder: BatchBuilder) -> int:
+    """A wavy patch with knots so close together that they matter to small errors alone."""
+    knots_u = np.array([0, 0, 0, 0, 0.25, 0.4999, 0.49995, 0.5, 0.75, 1, 1, 1, 1])
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.0, 5), indexing="ij")
+    net = np.stack([x, y, np.sin(7.0 * x * y)], axis=2)
+    return add_face(builder, SurfaceForm.nurbs(3, 3, knots_u, uniform_knots(5, 3), net))
+
+
+def test_a_tessellator_gives_what_single_calls_do() -> None:
+    batch = _batch(add_sphere, add_strips, add_cylinder, add_strips)
+    tessellator = Tessellator(batch)
+    meshes = {}
+    for error in (10.0, 1e-4, 0.1, 10.0, 1e-3):
+        meshes[error], alone = tessellator.mesh(error), tessellate(batch, error)
+        for field in dataclasses.fields(MeshBatch):
+            assert np.array_equal(getattr(meshes[error], field.name), getattr(alone, field.name)), (error, field.name)
+    assert len(meshes[10.0].triangles) < len(meshes[0.1].triangles) < len(meshes[1e-4].triangles)
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])
