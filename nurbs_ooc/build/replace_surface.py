@@ -21,6 +21,7 @@ from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.forest import Forest, Rows
 from nurbs_ooc.build.open_forest import changing, note_edit, open_forest
 from nurbs_ooc.geometry.replaced import with_surface
+from nurbs_ooc.geometry.subset import subset
 from nurbs_ooc.hierarchy.boxes import PartSketch, placed_items, sketch_part
 from nurbs_ooc.hierarchy.lazy_octree import level_of_edge
 
@@ -48,7 +49,7 @@ def replace_surface(store: TypedStore, surface_id: int, one: GeometryBatch) -> R
     part, row = store.locate_surface(surface_id)
     with changing(store):
         geometry = with_surface(store.get_part(part), row, one, part)
-        sketch = sketch_part(geometry, rows=np.array([row]))
+        sketch = sketch_part(subset(geometry, [row]))
         if not sketch.drawable[0]:
             raise UsageError(f"surface {surface_id}: nothing of what shall replace it can be tessellated")
         forest = open_forest(store)

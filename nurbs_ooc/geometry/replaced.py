@@ -11,12 +11,15 @@ and what no surface uses any more is left out::
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.surface_record import CurveKind, GeometryBatch, SurfaceKind
+from nurbs_cache.surface_record import CurveKind, GeometryBatch
 from nurbs_ooc.geometry.builder import EDGE_ID_PART_SHIFT
+from nurbs_ooc.geometry.join import join_parts
 from nurbs_ooc.geometry.subset import CONIC_POINTS, subset
 
 
@@ -37,7 +40,15 @@ def with_surface(geometry: GeometryBatch, row: int, one: GeometryBatch, part: in
         raise UsageError(f"replacing a surface: {len(one)} surfaces are given, want one")
     if not 0 <= row < len(geometry):
         raise UsageError(f"surface row {row} is outside 0..{len(geometry) - 1}")
-    joined = _joined(geometry, one, _numbered(geometry, one, part))
+    edges = _numbered(geometry, one, part)
+    joined = join_parts([geometry, dataclasses.replace(one, edges=edges)])
+    # an edge that both have is the part's
+    known = {number: place for place, number in enumerate(geometry.edges["id"].tolist())}
+    rows_of_edges = [
+        known.get(number, len(geometry.edges) + place) for place, number in enumerate(edges["id"].tolist())
+    ]
+    own = joined.coedges[len(geometry.coedges) :]
+    own["edge"] = np.array(rows_of_edges, np.int64)[one.coedges["edge"]]
     for name in ("material", "source"):
         joined.surfaces[name][-1] = geometry.surfaces[name][row]
     rows = np.arange(len(geometry))
@@ -78,33 +89,3 @@ def _edge_content(geometry: GeometryBatch, row: int) -> bytes | None:
     pieces += [geometry.vertices[edge["vertex0"]], geometry.vertices[edge["vertex1"]]]
     kind = ["kind", "dim", "rational", "degree", "n"]
     return repr([int(curve[name]) for name in kind]).encode() + b"".join(piece.tobytes() for piece in pieces)
-
-
-def _joined(geometry: GeometryBatch, one: GeometryBatch, edges: npt.NDArray[np.void]) -> GeometryBatch:
-    """Both batches' tables one after another; edges with the id of one of ``geometry`` are that one."""
-    known = {int(number): row for row, number in enumerate(geometry.edges["id"].tolist())}
-    edge_rows = np.array([known.get(int(n), len(geometry.edges) + i) for i, n in enumerate(edges["id"].tolist())], int)
-    surfaces, loops, coedges, curves = (table.copy() for table in (one.surfaces, one.loops, one.coedges, one.curves))
-    framed = surfaces["kind"] != SurfaceKind.NURBS
-    for name in ("knots_u", "knots_v", "points"):
-        surfaces[name] = np.where(framed, surfaces[name], surfaces[name] + len(geometry.values))
-    surfaces["frame"] = np.where(framed, surfaces["frame"] + len(geometry.values), surfaces["frame"])
-    surfaces["first_loop"] += len(geometry.loops)
-    loops["first_coedge"] += len(geometry.coedges)
-    coedges["edge"] = edge_rows[coedges["edge"]]
-    curves["knots"] += len(geometry.values)
-    curves["points"] += len(geometry.values)
-    for table, name in ((surfaces, "profile"), (coedges, "pcurve"), (edges, "curve")):
-        table[name] = np.where(table[name] < 0, table[name], table[name] + len(geometry.curves))
-    for name in ("vertex0", "vertex1"):
-        edges[name] += len(geometry.vertices)
-    return GeometryBatch(
-        np.concatenate([geometry.surfaces, surfaces]),
-        np.concatenate([geometry.loops, loops]),
-        np.concatenate([geometry.coedges, coedges]),
-        np.concatenate([geometry.edges, edges]),
-        np.concatenate([geometry.curves, curves]),
-        np.concatenate([geometry.vertices, one.vertices]),
-        np.concatenate([geometry.values, one.values]),
-        geometry.sources,
-    )
