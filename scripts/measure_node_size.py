@@ -34,17 +34,17 @@ from nurbs_ooc.hierarchy.lazy_octree import build_lazy_octree
 
 
 def built_nodes(shop: Workshop, r: float, boxes: Boxes) -> tuple[npt.NDArray[np.void], float]:
-    """Node table with all tiles for one r, and the seconds for meshes and tiles."""
+    """Node table with all tiles for one r, and the processor time for meshes and tiles, s."""
     nodes, items = build_lazy_octree(boxes[0], boxes[1], r)
     with Store.open(shop.store, read_only=False) as store, SoloCrew() as crew:
         store.put_face_report(boxes[2])
         store.put_tree(nodes, items)
         forest = Forest.load(store)
-        start = time.perf_counter()
+        start = time.process_time()
         runs = surface_runs(store.part_infos())
         mesh_surfaces_of_runs(store, crew, shop, runs, forest.demand, forest.demand, lambda _: None)
         build_tiles(store, forest, np.arange(len(nodes)), crew, shop, lambda _: None)
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
         order_errors(store, forest.nodes, np.ones(len(nodes), np.bool_))
     return forest.nodes, seconds
 
@@ -77,7 +77,7 @@ def main() -> None:
         boxes = box_surfaces(crew, shop, runs, lambda _: None)
     size = float((boxes[0]["aabb_max"].max(axis=0) - boxes[0]["aabb_min"].min(axis=0)).max())
     print(
-        "r | at most | nodes | primitives: mean, largest | tile MiB | s | "
+        "r | at most | nodes | primitives: mean, largest | tile MiB | CPU s | "
         + " | ".join(f"{p} px" for p in arguments.pixels)
     )
     for r, most in itertools.product(arguments.r, arguments.most):
