@@ -85,12 +85,36 @@ def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
     codes[kept_open, 2] = FaceReason.FILE_GAP
 
 
-def _empty() -> list[_Run]:
+def _latest(rounds: Sequence[tuple[Ints, Sequence[Chunk]]], faces: Ints) -> tuple[list[_Run], Ints, Ints, Floats]:
+    """The runs of ``faces``, where each begins (n + 1, 3), their codes and errors, as the last round left them."""
+    chunks = [chunk for _, round_chunks in rounds for chunk in round_chunks]
+    starts = np.zeros((len(faces) + 1, 3), np.int64)
+    if len(chunks) == 1 and np.array_equal(rounds[0][0], faces):
+        c = chunks[0]
+        starts[1:] = c.ends
+        return [_Run(c.output, starts[0], starts[-1], starts[0])], starts, c.codes, c.errors
+    sizes = np.array([len(c.ends) for c in chunks], np.int64)
+    number = np.repeat(np.arange(len(chunks)), sizes)
+    within = np.arange(len(number)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    last = np.zeros(1 + max(int(rows.max(initial=-1)) for rows, _ in rounds), np.int64)
+    at = 0
+    for rows, _ in rounds:
+        last[rows] = np.arange(at, at + len(rows))
+        at += len(rows)
+    pick = last[faces]
+    counts = [np.diff(c.ends, axis=0, prepend=np.zeros((1, 3), np.int64)) for c in chunks]
+    np.cumsum(np.concatenate(counts)[pick], axis=0, out=starts[1:])
+    codes, errors = np.concatenate([c.codes for c in chunks]), np.concatenate([c.errors for c in chunks])
+    return _runs(chunks, number[pick], within[pick], starts), starts, codes[pick], errors[pick]
+
+
+def _nothing() -> tuple[list[_Run], Ints, Ints, Floats]:
     none = np.zeros(0, np.int64)
     output = Output(
         np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), none.reshape(0, 3), none.reshape(0, 2), none, none, none
     )
-    return [_Run(output, *np.zeros((3, 3), np.int64))]
+    starts = np.zeros((1, 3), np.int64)
+    return [_Run(output, starts[0], starts[0], starts[0])], starts, none.reshape(0, 3), np.zeros((0, 3))
 
 
 def assemble(
@@ -104,27 +128,7 @@ def assemble(
         error: mm, what was asked for.
         approximation: (n,) mm: what the faces' own surfaces are off by, part of the p-curve error.
     """
-    chunks = [chunk for _, round_chunks in rounds for chunk in round_chunks]
-    if not len(faces):
-        chunks = []
-    sizes = [len(c.ends) for c in chunks]
-    number = np.repeat(np.arange(len(chunks)), sizes)
-    within = np.arange(len(number)) - np.repeat(np.cumsum(sizes, dtype=np.int64) - sizes, sizes)
-    last = np.zeros(1 + max((int(rows.max(initial=-1)) for rows, _ in rounds), default=0), np.int64)
-    at = 0
-    for rows, _ in rounds:
-        last[rows] = np.arange(at, at + len(rows))
-        at += len(rows)
-    pick = last[faces]
-    chunk, place = number[pick], within[pick]
-    counts = [np.diff(c.ends, axis=0, prepend=np.zeros((1, 3), np.int64)) for c in chunks]
-    starts = np.zeros((len(faces) + 1, 3), np.int64)
-    codes, errors = np.zeros((len(faces), 3), np.int64), np.zeros((len(faces), 3))
-    if chunks:
-        np.cumsum(np.concatenate(counts)[pick], axis=0, out=starts[1:])
-        codes = np.concatenate([c.codes for c in chunks])[pick]
-        errors = np.concatenate([c.errors for c in chunks])[pick]
-    runs = _runs(chunks, chunk, place, starts) if chunks else _empty()
+    runs, starts, codes, errors = _latest(rounds, faces) if len(faces) else _nothing()
     _name_gaps(codes, errors, error)
     return MeshBatch(
         faces=faces,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.jit import kernel
+from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.pieces import Pieces
@@ -42,7 +42,7 @@ from nurbs_ooc.tessellation.face import (
 from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.workers import chunk_runner
-from nurbs_ooc.tessellation.workspace import larger, new_workspace
+from nurbs_ooc.tessellation.workspace import Workspace, larger, new_workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -51,48 +51,86 @@ Ints = npt.NDArray[np.int64]
 EDGE_CHUNK = 256
 # Rounds of "more samples on these segments".
 MAX_ROUNDS = 7
+# Beside the results of ``tessellate_face``: the arrays that faces are appended to are full.
+NO_OUTPUT = 3
+# Vertices of a face that there is room for at first.
+FIRST_VERTICES = 256
 NO_TRIANGLES = int(FaceReason.NO_TRIANGLES)
 # Smallest error that is taken at its word, relative to the size of the coordinates: a few units of roundoff.
 SMALLEST_ERROR = 2.0**-46
 
 
-@kernel
-def _faces(
-    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, low: int, high: int, error: float, final: bool,
-    wanted: Ints,
-) -> tuple[Output, Ints, Ints, Floats]:  # fmt: skip
-    """Tessellate faces[low:high]: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 3)."""
-    o = new_output(256 * (high - low))
-    ends = np.zeros((high - low, 3), dtype=np.int64)
-    codes = np.zeros((high - low, 3), dtype=np.int64)
-    errors = np.zeros((high - low, 3))
-    w = new_workspace(g)
-    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64))
-    for i in range(high - low):
-        row = faces[low + i]
+@leaf
+def _finish_face(
+    g: Tables, p: Pieces, row: int, w: Workspace, d: Draft, o: Output, codes: Ints, errors: Floats
+) -> bool:
+    """Append the face in the workspace to ``o``, with its codes (3,) and errors (3,); False if there is no room."""
+    first, drawn = o.n[0], o.n[1]
+    points = d.code[REASON] == BOX_AS_POINTS
+    if not (emit_points(w, o) if points else emit_face(g, p, row, w, o)):
+        return False
+    errors[0], errors[1], errors[2] = d.error[WORST], d.error[TRIM] + d.error[EXTRA], d.error[GAP]
+    if not points and o.n[1] == drawn and codes[1] < DEGRADED:
+        # Every triangle has two corners in one place: its points alone stand for it.
+        codes[1], codes[2] = DEGRADED, NO_TRIANGLES
+        errors[1] += box_diagonal(o.position[first : o.n[0]])
+    return True
+
+
+@leaf
+def _face_after_face(
+    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, start: int, error: float, final: bool, wanted: Ints,
+    w: Workspace, d: Draft, o: Output, ends: Ints, codes: Ints, errors: Floats, drafted: bool,
+) -> tuple[int, int]:  # fmt: skip
+    """Tessellate faces[start:] until something is too small: how far it came, and NO_ROOM in ``w`` or NO_OUTPUT.
+
+    With ``drafted`` the first of them is in the workspace already.
+    """
+    for i in range(start, len(faces)):
+        row = faces[i]
         s = g.surfaces[row]
-        codes[i, 1], codes[i, 2] = s.status, s.reason
-        if s.status != 3:
-            d.code[STATUS], d.code[REASON] = 0, 0
-            code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
-            while code == NO_ROOM:
-                w = larger(w)
+        if s.status == 3:
+            codes[i, 1], codes[i, 2] = s.status, s.reason
+        else:
+            code = READY
+            if not (drafted and i == start):
+                d.code[STATUS], d.code[REASON] = 0, 0
                 code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
-            codes[i, 0] = code
-            if d.code[STATUS] > codes[i, 1]:
-                codes[i, 1], codes[i, 2] = d.code[STATUS], d.code[REASON]
-            if code == READY:
-                first, drawn = o.n[0], o.n[1]
-                points = d.code[REASON] == BOX_AS_POINTS
-                while not (emit_points(w, o) if points else emit_face(g, p, row, w, o)):
-                    o = with_room(o)
-                errors[i, 0], errors[i, 1], errors[i, 2] = d.error[WORST], d.error[TRIM] + d.error[EXTRA], d.error[GAP]
-                if not points and o.n[1] == drawn and codes[i, 1] < DEGRADED:
-                    # Every triangle has two corners in one place: its points alone stand for it.
-                    codes[i, 1], codes[i, 2] = DEGRADED, NO_TRIANGLES
-                    errors[i, 1] += box_diagonal(o.position[first : o.n[0]])
+                if code == NO_ROOM:
+                    return i, NO_ROOM
+                codes[i, 0], codes[i, 1], codes[i, 2] = code, s.status, s.reason
+                if d.code[STATUS] > codes[i, 1]:
+                    codes[i, 1], codes[i, 2] = d.code[STATUS], d.code[REASON]
+            if code == READY and not _finish_face(g, p, row, w, d, o, codes[i], errors[i]):
+                return i, NO_OUTPUT
         for k in range(3):
             ends[i, k] = o.n[k]
+    return len(faces), READY
+
+
+@kernel
+def _faces(
+    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints
+) -> tuple[Output, Ints, Ints, Floats]:
+    """Tessellate some faces: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 3)."""
+    n = len(faces)
+    o = new_output(FIRST_VERTICES * n)
+    ends = np.zeros((n, 3), dtype=np.int64)
+    codes = np.zeros((n, 3), dtype=np.int64)
+    errors = np.zeros((n, 3))
+    w = new_workspace(g)
+    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64))
+    done = 0
+    drafted = False
+    while done < n:
+        done, lack = _face_after_face(
+            g, p, samples, faces, done, error, final, wanted, w, d, o, ends, codes, errors, drafted
+        )
+        drafted = lack == NO_OUTPUT
+        if lack == NO_ROOM:
+            w = larger(w)
+        elif lack == NO_OUTPUT:
+            o = with_room(o)
     return o, ends, codes, errors
 
 
@@ -104,7 +142,7 @@ def _run_faces(
 
     def chunk(low: int, high: int) -> Any:
         own = np.zeros_like(wanted)
-        return _faces(g, pieces, samples, faces, low, high, error, final, own), own
+        return _faces(g, pieces, samples, faces[low:high], error, final, own), own
 
     results = run(chunk, len(faces))
     for _, own in results:
