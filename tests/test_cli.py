@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -65,6 +67,31 @@ def test_errors_are_one_line(error: BaseException, code: int, line: str, capsys:
         command()
     assert stopped.value.code == code
     assert capsys.readouterr().err == line
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_ctrl_c_counts_also_where_python_drops_it(capsys: pytest.CaptureFixture[str]) -> None:
+    class Dying:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+            for _ in range(1000):  # the handler runs here, and its exception goes nowhere
+                pass
+
+    done = []
+
+    @run_command
+    def work() -> None:
+        with Console().progress("work") as bar:
+            Dying()
+            done.append("went on")
+            bar.advance()
+            done.append("and on")
+
+    with pytest.raises(SystemExit) as stopped:
+        work()
+    assert (stopped.value.code, done) == (130, ["went on"])
+    assert "stopped by Ctrl-C" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_own_bugs_keep_their_traceback() -> None:

@@ -88,26 +88,39 @@ def _profile_spans(g: Tables, row: int) -> int:
     return n if kinks else 0
 
 
+@leaf
+def _count(g: Tables, row: int) -> tuple[int, int]:
+    """Pieces per direction of a surface."""
+    s = g.surfaces[row]
+    if s.status == 3:
+        return 0, 0
+    if s.kind == REVOLUTION or s.kind == EXTRUSION:
+        n = _profile_spans(g, row)
+        return (n, min(n, 1)) if s.kind == EXTRUSION else (min(n, 1), n)
+    if s.kind != NURBS:
+        return 0, 0
+    n_u, n_v = 0, 0
+    for i in range(s.degree_u, s.n_u):
+        if _overlaps(g.values[s.knots_u + i], g.values[s.knots_u + i + 1], s.u0, s.u1):
+            n_u += 1
+    for i in range(s.degree_v, s.n_v):
+        if _overlaps(g.values[s.knots_v + i], g.values[s.knots_v + i + 1], s.v0, s.v1):
+            n_v += 1
+    return n_u, n_v
+
+
 @kernel
-def _count(g: Tables, n_u: Ints, n_v: Ints) -> None:
-    """Pieces per direction of each surface."""
+def _lay_out(g: Tables, table: Ints) -> tuple[int, int]:
+    """Fill the table; how many pieces and breaks there are."""
+    pieces, breaks = 0, 0
     for row in range(len(g.surfaces)):
-        s = g.surfaces[row]
-        n_u[row] = 0
-        n_v[row] = 0
-        if s.status == 3:
-            continue
-        if s.kind == REVOLUTION or s.kind == EXTRUSION:
-            n = _profile_spans(g, row)
-            n_u[row], n_v[row] = (n, min(n, 1)) if s.kind == EXTRUSION else (min(n, 1), n)
-        if s.kind != NURBS:
-            continue
-        for i in range(s.degree_u, s.n_u):
-            if _overlaps(g.values[s.knots_u + i], g.values[s.knots_u + i + 1], s.u0, s.u1):
-                n_u[row] += 1
-        for i in range(s.degree_v, s.n_v):
-            if _overlaps(g.values[s.knots_v + i], g.values[s.knots_v + i + 1], s.v0, s.v1):
-                n_v[row] += 1
+        n_u, n_v = _count(g, row)
+        table[row, N_U], table[row, N_V], table[row, CREASED] = n_u, n_v, 0
+        table[row, FIRST], table[row, BREAK_U], table[row, BREAK_V] = pieces, breaks, breaks + n_u + 1
+        pieces += n_u * n_v
+        if n_u > 0:
+            breaks += n_u + n_v + 2
+    return pieces, breaks
 
 
 @leaf
@@ -230,22 +243,10 @@ def plain_pieces(g: Tables) -> Pieces:
     Returns:
         The pieces; tagged surfaces have none, or breaks alone.
     """
-    n = len(g.surfaces)
-    n_u, n_v = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    _count(g, n_u, n_v)
-    table = np.zeros((n, 6), np.int64)
-    table[:, N_U], table[:, N_V] = n_u, n_v
-    totals = []
-    for column, counts in (
-        (FIRST, n_u * n_v),
-        (BREAK_U, np.where(n_u > 0, n_u + n_v + 2, 0)),
-    ):
-        ends = np.cumsum(counts)
-        table[:, column] = ends - counts
-        totals.append(int(ends[-1]) if n else 0)
-    table[:, BREAK_V] = table[:, BREAK_U] + n_u + 1
-    breaks, bounds, boxes = np.zeros((totals[1], 4)), np.zeros((totals[0], 5)), np.zeros((totals[0], BOXES))
-    pieces = Pieces(table, breaks, bounds, boxes, np.ones(totals[0]))
+    table = np.empty((len(g.surfaces), 6), np.int64)
+    n_pieces, n_breaks = _lay_out(g, table)
+    breaks, bounds, boxes = np.zeros((n_breaks, 4)), np.zeros((n_pieces, 5)), np.zeros((n_pieces, BOXES))
+    pieces = Pieces(table, breaks, bounds, boxes, np.ones(n_pieces))
     _fill(g, pieces)
     return pieces
 

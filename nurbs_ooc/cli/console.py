@@ -9,7 +9,9 @@ from __future__ import annotations
 import functools
 import json
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -52,7 +54,8 @@ def _guarded(body: Callable[P, R], resume: str) -> Callable[P, R]:
         if sys.stderr.isatty():
             on_first_compile(_say_compiling)
         try:
-            return body(*args, **kwargs)
+            with _interrupts_kept():
+                return body(*args, **kwargs)
         except NurbsOocError as error:
             _fail(str(error), error.exit_code)
         except OSError as error:
@@ -66,8 +69,43 @@ def _guarded(body: Callable[P, R], resume: str) -> Callable[P, R]:
     return guarded
 
 
+_interrupted = False
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Remember Ctrl-C: Python drops the exception where it comes while an object is being deleted.
+
+    Progress raises it again (see ``_raise_if_interrupted``).
+    """
+    global _interrupted
+    _interrupted = False
+    ours = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if ours:
+        signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        if ours and signal.getsignal(signal.SIGINT) is _interrupt:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    global _interrupted
+    _interrupted = True
+    raise KeyboardInterrupt
+
+
+def _raise_if_interrupted() -> None:
+    if _interrupted:
+        raise KeyboardInterrupt
+
+
 def _say_compiling() -> None:
-    sys.stderr.write("compiling kernels: once after an install or update, about a minute and a half\n")
+    sys.stderr.write("compiling kernels: once after an install or update, about a minute\n")
     sys.stderr.flush()
 
 
@@ -88,23 +126,20 @@ class Progress(Protocol):
         """Tell how many units there are, as soon as it is known."""
 
 
-class _NoProgress:
-    def advance(self, n: float = 1) -> None:
-        """Ignore."""
+class _Bar:
+    """Progress with a bar of rich, or without one; either way a look at Ctrl-C."""
 
-    def set_total(self, total: float) -> None:
-        """Ignore."""
-
-
-class _RichProgress:
-    def __init__(self, bar: Any, task: Any) -> None:
+    def __init__(self, bar: Any = None, task: Any = None) -> None:
         self._bar, self._task = bar, task
 
     def advance(self, n: float = 1) -> None:
-        self._bar.advance(self._task, n)
+        _raise_if_interrupted()
+        if self._bar is not None:
+            self._bar.advance(self._task, n)
 
     def set_total(self, total: float) -> None:
-        self._bar.update(self._task, total=total)
+        if self._bar is not None:
+            self._bar.update(self._task, total=total)
 
 
 class Console:
@@ -126,7 +161,7 @@ class Console:
             total: how many, None while it is not known (see ``set_total``).
         """
         if not sys.stderr.isatty():
-            yield _NoProgress()
+            yield _Bar()
             return
         from rich.console import Console as RichConsole
         from rich.progress import (
@@ -155,7 +190,7 @@ class Console:
             TimeRemainingColumn(),
         )
         with Bar(*columns, console=RichConsole(stderr=True), transient=True) as bar:
-            yield _RichProgress(bar, bar.add_task(label, total=total))
+            yield _Bar(bar, bar.add_task(label, total=total))
 
     def print(self, *values: object) -> None:
         """Write a line for people to stdout; ``values`` may be rich renderables (tables)."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from nurbs_cache.jit import kernel
 from nurbs_ooc.geometry.tables import Tables
 
 Ints = npt.NDArray[np.int64]
@@ -20,29 +21,36 @@ class EdgeUses(NamedTuple):
     surface: Ints  # (n_coedges,) by coedge; -1 for those of no surface
 
 
+@kernel
+def _invert(g: Tables, uses: EdgeUses) -> None:
+    for c in range(len(g.coedges)):
+        uses.surface[c] = -1
+    for row in range(len(g.surfaces)):
+        s = g.surfaces[row]
+        for m in range(s.first_loop, s.first_loop + s.n_loops):
+            for c in range(g.loops[m].first_coedge, g.loops[m].first_coedge + g.loops[m].n_coedges):
+                uses.surface[c] = row
+    # Count, add up, fill from behind.
+    for e in range(len(uses.first)):
+        uses.first[e] = 0
+    for c in range(len(g.coedges)):
+        uses.first[g.coedges[c].edge] += 1
+    total = 0
+    for e in range(len(uses.first)):
+        total += uses.first[e]
+        uses.first[e] = total
+    for c in range(len(g.coedges) - 1, -1, -1):
+        e = g.coedges[c].edge
+        uses.first[e] -= 1
+        uses.coedge[uses.first[e]] = c
+
+
 def edge_uses(g: Tables) -> EdgeUses:
-    """Invert coedge -> edge; loops and coedges are stored in the order of their surfaces."""
-    n_edges = len(g.edges)
-    loop_of = np.repeat(np.arange(len(g.loops)), g.loops["n_coedges"])
-    surface_of_loop = np.repeat(np.arange(len(g.surfaces)), g.surfaces["n_loops"])
-    surface = np.full(len(g.coedges), -1, np.int64)
-    rows = _ranges(g.loops["first_coedge"], g.loops["n_coedges"])
-    loops = _ranges(g.surfaces["first_loop"], g.surfaces["n_loops"])
-    owner = np.full(len(g.loops), -1, np.int64)
-    owner[loops] = surface_of_loop
-    surface[rows] = owner[loop_of]
-    edge = g.coedges["edge"].astype(np.int64)
-    order = np.argsort(edge, kind="stable").astype(np.int64)
-    first = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=n_edges))]).astype(np.int64)
-    return EdgeUses(first, order, surface)
-
-
-def _ranges(first: npt.NDArray[np.int32], count: npt.NDArray[np.int32]) -> Ints:
-    """first[i], first[i] + 1, ..., first[i] + count[i] - 1 for all i, in one array."""
-    count = count.astype(np.int64)
-    ends = np.cumsum(count)
-    total = int(ends[-1]) if len(ends) else 0
-    return np.arange(total) + np.repeat(first.astype(np.int64) - (ends - count), count)
+    """Invert surface -> loop -> coedge -> edge; of one edge the coedges ascend."""
+    n = len(g.coedges)
+    uses = EdgeUses(np.empty(len(g.edges) + 1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
+    _invert(g, uses)
+    return uses
 
 
 def uses_of_faces(uses: EdgeUses, faces: npt.NDArray[np.bool_]) -> EdgeUses:

@@ -120,6 +120,12 @@ def test_bounds_hold_on_every_span(p: int, q: int) -> None:
             assert (true >= low - 1e-7).all() and (true <= high + 1e-7).all()
 
 
+def measures(bounds: Floats, boxes: Floats) -> Floats:
+    """What ``_triangle`` takes: norms, boxes and half their diagonals."""
+    radii = 0.5 * np.linalg.norm(np.diff(boxes.reshape(3, 2, 3), axis=1)[:, 0], axis=1)
+    return np.concatenate([bounds[[MUU, MUV, MVV]], boxes, radii])
+
+
 def test_triangles_are_as_near_as_their_bounds_say() -> None:
     geometry, spline = one_surface(3, 4, [0.5], [0.25, 0.7], 5)
     g = tables(geometry)
@@ -135,7 +141,7 @@ def test_triangles_are_as_near_as_their_bounds_say() -> None:
         t = rng.uniform(0, 0.8, 2) + rng.uniform(0, 0.2, (3, 2)) * rng.choice([1.0, 0.1])
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, pieces, np.array([low[0], high[0], low[1], high[1]]))
-        m = np.concatenate([bounds[[MUU, MUV, MVV]], boxes])
+        m = measures(bounds, boxes)
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
         assert creases == 0.0
         assert off <= _triangle(m, t, False) and off <= _triangle(m, t, True)
@@ -159,8 +165,7 @@ def test_a_strip_between_close_knots_is_charged_as_a_crease() -> None:
         low, high = t.min(axis=0), t.max(axis=0)
         bounds, boxes, creases = _over(g, loose, np.array([low[0], high[0], low[1], high[1]]))
         off = np.linalg.norm(spline(w @ t) - w @ spline(t), axis=1).max()
-        radii = 0.5 * np.linalg.norm(np.diff(boxes.reshape(3, 2, 3), axis=1)[:, 0], axis=1)
-        bound = creases + _triangle(np.concatenate([bounds[[MUU, MUV, MVV]], boxes, radii]), t, True)
+        bound = creases + _triangle(measures(bounds, boxes), t, True)
         assert creases > 0.0 and off <= bound
         sharp, _, _ = _over(g, strict, np.array([low[0], high[0], low[1], high[1]]))
         assert bound < 0.1 * sharp[MUU] * (high[0] - low[0]) ** 2 / 8.0
