@@ -70,8 +70,10 @@ MOST_SPANS = 256
 HAIR = 2.0**-40
 # A span narrower than this part of the box is charged like a crease instead of with its second derivative.
 THIN = 0.125
-# Numbers of ``Field``: second derivatives' norms, then boxes as ``triangle_bound`` wants them.
-SIZE = 21
+# Numbers of what a bound rests on: second derivatives' norms, then boxes as ``triangle_bound`` wants them, and the
+# part of the bound that no smaller triangle is free of.
+NOISE = 21
+SIZE = 22
 
 
 @leaf
@@ -273,9 +275,12 @@ def _charge_jumps(
 
 @leaf
 def _spline_field(
-    g: Tables, p: Pieces, row: int, box: Floats, sides: int, frame: Floats, center: Floats, field: Floats
+    g: Tables, p: Pieces, row: int, box: Floats, sides: int, frame: Floats, center: Floats, field: Floats, noise: Floats
 ) -> float:
-    """Slopes of a B-spline surface over a box, united over its spans, to ``field``; returns what is to be added."""
+    """Slopes of a B-spline surface over a box, united over its spans, to ``field``; returns what is to be added.
+
+    ``noise`` (1,) gets the part of it that is roundoff.
+    """
     a, b = box[1] - box[0], box[3] - box[2]
     n_u, n_v = p.table[row, N_U], p.table[row, N_V]
     i0 = find_break(p, p.table[row, BREAK_U], n_u, box[0])
@@ -300,11 +305,11 @@ def _spline_field(
             if not _span_box(p, row, i, j, box, span, part):
                 continue
             poles = _poles_of_span(p, row, i, j, sides)
-            noise = spline_slopes(g, row, part, span, poles, ALL, frame, center, a, b, one)
-            if noise == math.inf:
+            hair = spline_slopes(g, row, part, span, poles, ALL, frame, center, a, b, one)
+            if hair == math.inf:
                 return math.inf
             found = True
-            worst = max(worst, noise)
+            worst = max(worst, hair)
             skip_u = i0 < i < i1 - 1 and part[1] - part[0] < THIN * a
             skip_v = j0 < j < j1 - 1 and part[3] - part[2] < THIN * b
             if skip_u:
@@ -321,19 +326,21 @@ def _spline_field(
         charge += _charge_jumps(g, p, row, i0, i1, j0, j1, True, box, sides, frame, center, a, b)
     if j1 - j0 > 1:
         charge += _charge_jumps(g, p, row, i0, i1, j0, j1, False, box, sides, frame, center, a, b)
+    noise[0] = worst
     return worst + charge + thin_v
 
 
 @leaf
 def _slope_field(
-    g: Tables, p: Pieces, row: int, box: Floats, sides: int, frame: Floats, center: Floats, field: Floats
+    g: Tables, p: Pieces, row: int, box: Floats, sides: int, frame: Floats, center: Floats, field: Floats, noise: Floats
 ) -> float:
     """As ``_spline_field`` for all kinds."""
     kind = g.surfaces[row].kind
     if kind == NURBS:
-        return _spline_field(g, p, row, box, sides, frame, center, field)
+        return _spline_field(g, p, row, box, sides, frame, center, field, noise)
     if kind == REVOLUTION or kind == EXTRUSION:
-        return swept_field(g, row, box, frame, center, field)
+        return swept_field(g, row, box, frame, center, field, noise)
+    noise[0] = 0.0
     return turned_slopes(g, row, box, frame, box[1] - box[0], box[3] - box[2], field)
 
 
@@ -405,7 +412,8 @@ def normal_bound(
     if uneven == math.inf:
         return math.inf
     field = local_table(6, 4)
-    more = _slope_field(g, p, row, box, sides, frame, center, field)
+    noise = local_line(1)
+    more = _slope_field(g, p, row, box, sides, frame, center, field, noise)
     if not more < math.inf:
         return math.inf
     _fill_second(field, a, b, m)
@@ -414,5 +422,6 @@ def normal_bound(
     beside = 0.0
     for i in range(3):
         beside = max(beside, _norm_of(field, 1) * step[i, 0] / a + _norm_of(field, 2) * step[i, 1] / b)
+    m[NOISE] = noise[0]
     bound = (linear + uneven) * (1.0 + HAIR) + beside + more + HAIR
     return bound if bound < math.pi else math.inf

@@ -97,11 +97,11 @@ def _multiplicity(g: Tables, row: int, value: float) -> int:
 
 
 @leaf
-def swept_field(g: Tables, row: int, box: Floats, frame: Floats, center: Floats, field: Floats) -> float:
+def swept_field(g: Tables, row: int, box: Floats, frame: Floats, center: Floats, field: Floats, noise: Floats) -> float:
     """Slopes and their derivatives over a box to ``field`` (SECONDS, 4); returns what is to be added to a bound.
 
-    That is roundoff, and what jumps of the slopes' derivative at knots of the profile charge; infinite if there
-    are no slopes in this frame.
+    That is roundoff, which goes to ``noise`` (1,) too, and what jumps of the slopes' derivative at knots of the
+    profile charge; infinite if there are no slopes in this frame.
     """
     s = g.surfaces[row]
     c = g.curves[s.profile]
@@ -119,12 +119,13 @@ def swept_field(g: Tables, row: int, box: Floats, frame: Floats, center: Floats,
                 if g.values[c.knots + i] > low:
                     high = min(high, g.values[c.knots + i])
                     break
-        noise = _part_slopes(g, row, box, low, high, ALL, frame, center, one)
-        if noise == math.inf:
+        hair = _part_slopes(g, row, box, low, high, ALL, frame, center, one)
+        if hair == math.inf:
             return math.inf
-        worst = max(worst, noise)
+        worst = max(worst, hair)
         unite_slopes(one, False, False, field)
         if high >= end:
+            noise[0] = worst
             return worst + charge
         if _multiplicity(g, row, high) > c.degree - 2:
             # Only conics and splines of a single span have no such knots, so the sides of nets are meant.

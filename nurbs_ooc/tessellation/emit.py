@@ -142,11 +142,12 @@ def _put_inner(
 
 
 @leaf
-def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floats, uv: Floats) -> int:
+def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floats, uv: Floats, apart: bool) -> int:
     """The vertex at the place of vertex ``base`` that has this normal, new if there is none.
 
     ``following`` leads from one vertex of a place to the next, by number after ``first``: LAST ends, UNUSED
-    says that no triangle has taken ``base`` yet, so that it may still have any normal.
+    says that no triangle has taken ``base`` yet, so that it may still have any normal. With ``apart`` it must have
+    these parameters too.
     """
     v = base
     if following[v - first] == UNUSED:
@@ -159,7 +160,7 @@ def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floa
         cosine = 0.0
         for k in range(3):
             cosine += normal[k] * o.normal[v, k]
-        if cosine >= SAME_NORMAL:
+        if cosine >= SAME_NORMAL and not (apart and (o.uv[v, 0] != uv[0] or o.uv[v, 1] != uv[1])):
             return v
         if following[v - first] == LAST:
             break
@@ -173,22 +174,25 @@ def _with_normal(o: Output, first: int, following: Ints, base: int, normal: Floa
 @leaf
 def _corner(
     g: Tables, p: Pieces, row: int, f: Frame, o: Output, first: int, following: Ints, kind: int, corners: Ints,
-    i: int, scratch: Floats,
+    i: int, scratch: Floats, nominal: Floats, apart: bool,
 ) -> int:  # fmt: skip
-    """The vertex of corner ``i`` of a triangle with vertices ``corners``, with the normal that is right for it."""
+    """The vertex of corner ``i`` of a triangle with vertices ``corners``, with the normal that is right for it.
+
+    ``nominal`` has the parameters of vertices, from ``first`` on; ``apart``: see ``_with_normal``.
+    """
     base = corners[i]
     j, k = corners[(i + 1) % 3], corners[(i + 2) % 3]
     uv = local_line(2)
     middle = local_line(2)
     normal = local_line(3)
     for m in range(2):
-        uv[m] = o.uv[base, m]
-        middle[m] = 0.5 * (o.uv[j, m] + o.uv[k, m])
+        uv[m] = nominal[base - first, m]
+        middle[m] = 0.5 * (nominal[j - first, m] + nominal[k - first, m])
     if kind == POLE:
         pole_normal(g, row, uv, middle, scratch, normal)
     else:
         crease_normal(g, p, row, f, uv, middle, scratch, normal)
-    return _with_normal(o, first, following, base, normal, uv)
+    return _with_normal(o, first, following, base, normal, uv, apart)
 
 
 @leaf
@@ -205,11 +209,13 @@ def _put_segments(b: Boundary, point: Ints, at: Ints, o: Output) -> None:
 
 @helper
 def emit_face(
-    g: Tables, p: Pieces, row: int, b: Boundary, t: Triangulation, point: Ints, f: Frame, scratch: Floats, o: Output
-) -> Output:
+    g: Tables, p: Pieces, row: int, b: Boundary, t: Triangulation, point: Ints, f: Frame, scratch: Floats,
+    apart: bool, o: Output,
+) -> Output:  # fmt: skip
     """Append a face: boundary points first (each once per lattice point), then inner ones, then triangles.
 
-    Where triangles at one point want different normals it gets a vertex for each, all in the same place.
+    Where triangles at one point want different normals it gets a vertex for each, all in the same place; with
+    ``apart`` also where its parameters differ, so that they can be interpolated like normals.
     """
     n = len(b.next)
     total = t.n[N_POINTS]
@@ -222,6 +228,8 @@ def emit_face(
     several = _put_inner(g, p, row, t, f, scratch, creased, o, at, kind)
     o = _with_room(o, several, 0, 0)
     following = np.full(o.n[0] - first + several if several > 0 else 0, UNUSED, dtype=np.int64)
+    # Vertices' parameters move as they take normals.
+    nominal = o.uv[first : o.n[0]].copy() if apart else o.uv[first:]
     corners = np.empty(3, dtype=np.int64)
     own = np.empty(3, dtype=np.int64)
     reverse = g.surfaces[row].reversed != 0
@@ -240,7 +248,9 @@ def emit_face(
         for i in range(3):
             own[i] = corners[i]
             if kind[t.tri[k, i]] != ONE:
-                own[i] = _corner(g, p, row, f, o, first, following, kind[t.tri[k, i]], corners, i, scratch)
+                own[i] = _corner(
+                    g, p, row, f, o, first, following, kind[t.tri[k, i]], corners, i, scratch, nominal, apart
+                )
         m = o.n[1]
         o.triangle[m, 0] = own[0]
         o.triangle[m, 1], o.triangle[m, 2] = (own[2], own[1]) if reverse else (own[1], own[2])

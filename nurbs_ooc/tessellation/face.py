@@ -23,12 +23,15 @@ from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
+from nurbs_ooc.tessellation.certify_shading import measure_shading, refine_shading, segments_too_long
 from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
 from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
 from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
 from nurbs_ooc.tessellation.refine import certify, parts_needed
+from nurbs_ooc.tessellation.shading import ANGLE, APPEARANCE, Aim, new_corners
+from nurbs_ooc.tessellation.shading_cells import DISTANCE_SHARE, insert_both, shading_cells
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_OUTER,
@@ -49,6 +52,7 @@ DEGRADED = int(FaceStatus.DEGRADED)
 EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
+NORMALS_NOT_KEPT = int(FaceReason.NORMALS_NOT_KEPT)
 
 # Codes of a ``Draft``.
 READY, NEEDS_SAMPLES = 0, 1
@@ -206,13 +210,13 @@ def _nothing_inside(b: Boundary, t: Triangulation, point: Ints, f: Frame, final:
 @helper
 def tessellate_face(
     g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, check: Check,
-    wanted: Ints, room: Room,
+    wanted: Ints, room: Room, aim: Aim | None, found: Floats,
 ) -> tuple[Draft, Room]:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm.
 
     With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts
     it must be cut into) and returns NEEDS_SAMPLES. The triangulation lies in ``room``, or in the larger
-    one that is returned.
+    one that is returned. ``aim`` is what is to be kept beside the distance, if anything; ``found`` (2,) what is.
     """
     b = gather_boundary(g, samples, row)
     n = len(b.next)
@@ -223,9 +227,16 @@ def tessellate_face(
     flat = g.surfaces[row].kind == PLANE
     if size_u <= 0.0 or size_v <= 0.0 or n < 3:
         return _nothing_inside(b, new_triangulation(room, 0, 1.0, 1.0), point, f, final, wanted), room
-    c = build_cells(g, p, row, b.box, 1e300 if flat else target)
+    planned = target
+    if aim is not None:
+        flat = flat and aim.n_attributes == 0
+        planned *= DISTANCE_SHARE if aim.appearance > 0.0 else 1.0
+    c = build_cells(g, p, row, b.box, 1e300 if flat else planned)
     du, dv = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
+    if aim is not None:
+        shades = shading_cells(g, aim, p, row, b.box, target)
+        promised += _grid_points(shades)
     capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
@@ -249,10 +260,25 @@ def tessellate_face(
         if not final and _ask_for_long_segments(g, p, row, c, f, t, b, point, target, check, wanted):
             return _waiting(b, t, point, f), room
         blame = np.zeros(3 * MAX_BLAMES + 1, dtype=np.int64)
-        code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
         worst = 0.0
-        if code == DONE:
-            code, worst = certify(g, p, row, c, f, t, target, check, blame)
+        if aim is not None:
+            found[ANGLE], found[APPEARANCE] = 0.0, 0.0
+            corners = new_corners(g, p, row, capacity + N_OUTER, owner, found)
+            if not final:
+                parts = np.zeros(n, dtype=np.int64)
+                if segments_too_long(g, p, aim, row, f, t, b, point, target, corners, parts):
+                    for i in range(n):
+                        _ask(b, i, parts[i], wanted)
+                    return _waiting(b, t, point, f), room
+            code = DONE
+            if promised < MAX_POINTS:
+                code = insert_both(t, c, shades, f, check.stack)
+            if code == DONE:
+                code, worst = refine_shading(g, p, aim, row, c, f, t, b, target, check, corners, final, blame)
+        else:
+            code = insert_grids(t, c, f, check.stack) if promised < MAX_POINTS else DONE
+            if code == DONE:
+                code, worst = certify(g, p, row, c, f, t, target, check, blame)
         if code == FULL and capacity < most:
             capacity = min(2 * capacity, most)
             continue
@@ -263,6 +289,11 @@ def tessellate_face(
                 _ask_between(b, owner, blame[3 * m + 1], blame[3 * m + 2], blame[3 * m + 3], wanted)
             return _waiting(b, t, point, f), room
         unfold_poles(g, p, row, c, f, t, b, owner, target, check)
+        if aim is not None:
+            measure_shading(g, p, aim, row, c, f, t, b, target, check, corners)
+            over = found[ANGLE] > aim.normal or (aim.appearance > 0.0 and found[APPEARANCE] > target)
+            if status == 0 and over:
+                status, reason = DEGRADED, NORMALS_NOT_KEPT
         if worst > target:
             # No point is farther off than the face is large.
             worst = min(worst, surface_diagonal(g, row, b))
