@@ -28,10 +28,11 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 BASIS = MAX_DEGREE + 2
-# Samples of a cell each way, and how far inside its border the outer ones lie: poles and creases are borders.
-SIDE = 5
-SAMPLES = SIDE * SIDE
+# Samples of a cell each way, how far inside its border the outer ones lie (poles and creases are borders), and the
+# step of differences at each, as shares of the cell.
+SIDE = 4
 INSET = 0.02
+STEP = 0.005
 # A cell over more knot spans than its samples see is split in any case.
 SEEN_SPANS = 4
 MAX_DEPTH = 24
@@ -45,21 +46,20 @@ DISTANCE_SHARE, SHADING_SHARE = 0.7071, 0.7071
 
 
 @leaf
-def _sample(g: Tables, row: int, box: Floats, place: Floats, normal: Floats) -> None:
-    """Points (SAMPLES, 3) and normals of a cell; at a pole that of the sample before."""
+def _sample(g: Tables, row: int, u: float, v: float, h_u: float, h_v: float, place: Floats, normal: Floats) -> bool:
+    """Points and normals (9, 3) of a 3 x 3 grid around (u, v), v fastest; False if one is a pole."""
     scratch = local_table(4, BASIS)
     at = local_line(12)
     n = local_line(3)
-    n[0], n[1], n[2] = 0.0, 0.0, 1.0
-    for i in range(SIDE):
-        u = box[0] + (box[1] - box[0]) * (INSET + (1.0 - 2.0 * INSET) * i / (SIDE - 1.0))
-        for j in range(SIDE):
-            v = box[2] + (box[3] - box[2]) * (INSET + (1.0 - 2.0 * INSET) * j / (SIDE - 1.0))
-            surface_point(g, row, u, v, scratch, at)
-            normal_of(g, row, at, n)
+    for i in range(3):
+        for j in range(3):
+            surface_point(g, row, u + (i - 1) * h_u, v + (j - 1) * h_v, scratch, at)
+            if not normal_of(g, row, at, n):
+                return False
             for k in range(3):
-                place[i * SIDE + j, k] = at[k]
-                normal[i * SIDE + j, k] = n[k]
+                place[3 * i + j, k] = at[k]
+                normal[3 * i + j, k] = n[k]
+    return True
 
 
 @leaf
@@ -72,36 +72,40 @@ def _change(x: Floats, i: int, j: int) -> float:
 
 @leaf
 def _bend(n: Floats, a: int, b: int, c: int, d: int) -> float:
-    """|n_a - n_b - n_c + n_d| without what only shortens n_b."""
+    """|n_a - n_b - n_c + n_d| without what only shortens the normal in the middle."""
     along, size = 0.0, 0.0
     for k in range(3):
         x = n[a, k] - n[b, k] - n[c, k] + n[d, k]
-        along += x * n[b, k]
+        along += x * n[4, k]
         size += x * x
     return math.sqrt(max(size - along * along, 0.0))
 
 
 @leaf
-def _turns(place: Floats, normal: Floats, out: Floats) -> None:
-    """Of a cell's samples, over the whole cell: turn along u and v, second derivatives uu, uv, vv, and turn per mm."""
-    h = (1.0 - 2.0 * INSET) / (SIDE - 1.0)
+def _turns(g: Tables, row: int, box: Floats, out: Floats) -> None:
+    """Over a whole cell, at its samples: turn along u and v, second derivatives uu, uv, vv; the mean turn per mm."""
+    place, normal = local_table(9, 3), local_table(9, 3)
+    a, b = box[1] - box[0], box[3] - box[2]
     for k in range(6):
         out[k] = 0.0
+    count = 0
     for i in range(SIDE):
+        u = box[0] + a * (INSET + (1.0 - 2.0 * INSET) * i / (SIDE - 1.0))
         for j in range(SIDE):
-            at = i * SIDE + j
+            v = box[2] + b * (INSET + (1.0 - 2.0 * INSET) * j / (SIDE - 1.0))
+            if not _sample(g, row, u, v, STEP * a, STEP * b, place, normal):
+                continue
+            steepest = 0.0
             for along in range(2):
-                step = SIDE if along == 0 else 1
-                here = i if along == 0 else j
-                if here < SIDE - 1:
-                    turn, way = _change(normal, at, at + step), _change(place, at, at + step)
-                    out[along] = max(out[along], turn / h)
-                    if way > 0.0:
-                        out[5] = max(out[5], turn / way)
-                if 0 < here < SIDE - 1:
-                    out[2 + 2 * along] = max(out[2 + 2 * along], _bend(normal, at - step, at, at, at + step) / (h * h))
-            if i < SIDE - 1 and j < SIDE - 1:
-                out[3] = max(out[3], _bend(normal, at, at + 1, at + SIDE, at + SIDE + 1) / (h * h))
+                before, after = (1, 7) if along == 0 else (3, 5)
+                turn, way = _change(normal, before, after), _change(place, before, after)
+                out[along] = max(out[along], 0.5 * turn / STEP)
+                steepest = max(steepest, turn / way if way > 0.0 else 0.0)
+                out[2 + 2 * along] = max(out[2 + 2 * along], _bend(normal, before, 4, 4, after) / STEP**2)
+            out[3] = max(out[3], 0.25 * _bend(normal, 0, 2, 6, 8) / STEP**2)
+            out[5] += steepest
+            count += 1
+    out[5] /= max(count, 1)
 
 
 @leaf
@@ -120,10 +124,8 @@ def _widest_arc(allowed: float) -> float:
 @leaf
 def _plan(g: Tables, aim: Aim, row: int, c: Cells, node: int, error: float) -> None:
     """Columns and rows of a cell, to its ``node`` row."""
-    place, normal = local_table(SAMPLES, 3), local_table(SAMPLES, 3)
     turns = local_line(6)
-    _sample(g, row, c.box[node], place, normal)
-    _turns(place, normal, turns)
+    _turns(g, row, c.box[node], turns)
     allowed = aim.normal
     if aim.appearance > 0.0 and aim.shaded > 0.0:
         allowed = min(allowed, max(aim.unseen, SHADING_SHARE * error * turns[5]))
@@ -170,32 +172,46 @@ def _spans(p: Pieces, row: int, box: Floats, along_u: bool) -> int:
 
 
 @leaf
-def _split(g: Tables, aim: Aim, p: Pieces, row: int, c: Cells, node: int, kid: int, error: float) -> bool:
-    """Plan two halves of a cell at ``kid``; whether the split is to be kept."""
-    box = c.box[node]
-    forced = True
-    spans_u, spans_v = _spans(p, row, box, True), _spans(p, row, box, False)
-    crease_u, crease_v = _cut_at(p, row, box, True, True), _cut_at(p, row, box, False, True)
-    cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
-    if crease_u < math.inf:
-        along_u, cut = True, crease_u
-    elif crease_v < math.inf:
-        along_u, cut = False, crease_v
-    else:
-        forced = max(spans_u, spans_v) > SEEN_SPANS
-        if not forced and cost <= UNDIVIDED:
-            return False
-        along_u = spans_u >= spans_v if forced else c.node[node, GRID + 0] >= c.node[node, GRID + 1]
-        cut = _cut_at(p, row, box, along_u, False)
+def _halve(
+    g: Tables, aim: Aim, row: int, c: Cells, node: int, kid: int, along_u: bool, cut: float, error: float
+) -> float:
+    """Plan two halves of a cell at ``kid``; how many quadrilaterals they have."""
     both = 0.0
     for k in range(2):
         for m in range(4):
-            c.box[kid + k, m] = box[m]
+            c.box[kid + k, m] = c.box[node, m]
         c.box[kid + k, (1 if along_u else 3) - k] = cut
         _plan(g, aim, row, c, kid + k, error)
         both += float(c.node[kid + k, GRID + 0]) * float(c.node[kid + k, GRID + 1])
-    if not forced and both > WORTH * cost:
-        return False
+    return both
+
+
+@leaf
+def _split(g: Tables, aim: Aim, p: Pieces, row: int, c: Cells, node: int, kid: int, error: float) -> bool:
+    """Split a cell, where it must be or where that pays, its halves to ``kid`` and after."""
+    box = c.box[node]
+    spans_u, spans_v = _spans(p, row, box, True), _spans(p, row, box, False)
+    crease_u, crease_v = _cut_at(p, row, box, True, True), _cut_at(p, row, box, False, True)
+    cost = float(c.node[node, GRID + 0]) * float(c.node[node, GRID + 1])
+    if crease_u < math.inf or crease_v < math.inf:
+        along_u = crease_u < math.inf
+        cut = crease_u if along_u else crease_v
+        _halve(g, aim, row, c, node, kid, along_u, cut, error)
+    elif max(spans_u, spans_v) > SEEN_SPANS:
+        along_u = spans_u >= spans_v
+        cut = _cut_at(p, row, box, along_u, False)
+        _halve(g, aim, row, c, node, kid, along_u, cut, error)
+    else:
+        if cost <= UNDIVIDED:
+            return False
+        cut_u, cut_v = _cut_at(p, row, box, True, False), _cut_at(p, row, box, False, False)
+        by_u = _halve(g, aim, row, c, node, kid, True, cut_u, error)
+        by_v = _halve(g, aim, row, c, node, kid, False, cut_v, error)
+        along_u, cut = by_u < by_v, (cut_u if by_u < by_v else cut_v)
+        if min(by_u, by_v) > WORTH * cost:
+            return False
+        if along_u:
+            _halve(g, aim, row, c, node, kid, True, cut, error)
     c.node[node, CHILD], c.node[node, AXIS] = kid, 0 if along_u else 1
     c.box[node, CUT] = cut
     return True
