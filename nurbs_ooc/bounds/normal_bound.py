@@ -70,6 +70,8 @@ MOST_SPANS = 256
 HAIR = 2.0**-40
 # A span narrower than this part of the box is charged like a crease instead of with its second derivative.
 THIN = 0.125
+# Of a span at least this part of the box is looked at.
+SLIVER = 0.125
 # Numbers of what a bound rests on: second derivatives' norms, then boxes as ``triangle_bound`` wants them, and the
 # part of the bound that no smaller triangle is free of.
 NOISE = 21
@@ -194,15 +196,23 @@ def _span_box(p: Pieces, row: int, i: int, j: int, box: Floats, span: Floats, pa
     span[2], span[3] = p.breaks[at_v, 0], p.breaks[at_v + 1, 0]
     part[0], part[1] = max(box[0], span[0]), min(box[1], span[1])
     part[2], part[3] = max(box[2], span[2]), min(box[3], span[3])
+    # Derivatives over a sliver of a span would be differences of roundoff: more of the span is looked at.
+    least_u, least_v = SLIVER * (box[1] - box[0]), SLIVER * (box[3] - box[2])
+    if part[0] < part[1] < part[0] + least_u:
+        part[0] = max(min(part[0], part[1] - least_u), span[0])
+        part[1] = min(max(part[1], part[0] + least_u), span[1])
+    if part[2] < part[3] < part[2] + least_v:
+        part[2] = max(min(part[2], part[3] - least_v), span[2])
+        part[3] = min(max(part[3], part[2] + least_v), span[3])
     # Domains end a few units of roundoff beyond knots: what lies there is left to the span beside.
     if i == 0:
-        part[0] = box[0]
+        part[0] = min(part[0], box[0])
     if i == p.table[row, N_U] - 1:
-        part[1] = box[1]
+        part[1] = max(part[1], box[1])
     if j == 0:
-        part[2] = box[2]
+        part[2] = min(part[2], box[2])
     if j == p.table[row, N_V] - 1:
-        part[3] = box[3]
+        part[3] = max(part[3], box[3])
     return part[0] < part[1] and part[2] < part[3]
 
 
@@ -234,7 +244,7 @@ def _jump(
     center: Floats, a: float, b: float,
 ) -> float:  # fmt: skip
     """How much s_u (s_v) may jump at the break before span ``k`` of one direction, beside span ``j`` of the other."""
-    left, right = local_table(6, 4), local_table(6, 4)
+    left, right, noise = local_table(6, 4), local_table(6, 4), local_line(2)
     span, part = local_line(4), local_line(4)
     for side in range(2):
         i = k - 1 + side
@@ -243,8 +253,8 @@ def _jump(
             return 0.0
         poles = _poles_of_span(p, row, m, n, sides)
         rows = (LAST_U if side == 0 else FIRST_U) if along_u else (LAST_V if side == 0 else FIRST_V)
-        noise = spline_slopes(g, row, part, span, poles, rows, frame, center, a, b, left if side == 0 else right)
-        if noise == math.inf:
+        out = left if side == 0 else right
+        if not spline_slopes(g, row, part, span, poles, rows, frame, center, a, b, out, noise):
             return math.inf
     return _apart(left, right, 1 if along_u else 2)
 
@@ -292,7 +302,7 @@ def _spline_field(
         j1 += 1
     if (i1 - i0) * (j1 - j0) > MOST_SPANS:
         return math.inf
-    one = local_table(6, 4)
+    one, hair = local_table(6, 4), local_line(2)
     span, part = local_line(4), local_line(4)
     no_slopes(field)
     found = False
@@ -305,13 +315,14 @@ def _spline_field(
             if not _span_box(p, row, i, j, box, span, part):
                 continue
             poles = _poles_of_span(p, row, i, j, sides)
-            hair = spline_slopes(g, row, part, span, poles, ALL, frame, center, a, b, one)
-            if hair == math.inf:
+            if not spline_slopes(g, row, part, span, poles, ALL, frame, center, a, b, one, hair):
                 return math.inf
             found = True
-            worst = max(worst, hair)
             skip_u = i0 < i < i1 - 1 and part[1] - part[0] < THIN * a
             skip_v = j0 < j < j1 - 1 and part[3] - part[2] < THIN * b
+            hair[0] *= (part[1] - part[0]) / a if skip_u else 1.0
+            hair[1] *= (part[3] - part[2]) / b if skip_v else 1.0
+            worst = max(worst, hair[0] + hair[1])
             if skip_u:
                 jump = _norm_of(one, 3) * (part[1] - part[0]) / a
                 thin_u = max(thin_u, _jump_charge(jump, part[0], part[1], box[0], box[1]) / a)

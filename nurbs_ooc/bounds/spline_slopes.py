@@ -120,22 +120,25 @@ def _choose_pole(sides: int, part: Floats) -> int:
 
 
 @leaf
-def _noise(net: Floats, p: int, q: int, dim: int, x: Floats, y: Floats, n: Floats) -> float:
-    """What roundoff of control points may do to slopes, which third differences make the most of."""
+def _noise(
+    net: Floats, p: int, q: int, dim: int, x: Floats, y: Floats, n: Floats, scale_u: float, scale_v: float, out: Floats
+) -> None:
+    """What roundoff of control points may do to slopes by way of third differences along u and v, to ``out`` (2,)."""
     size = 0.0
     for m in range((p + 1) * (q + 1)):
         w = net[m * dim + 3] if dim == 4 else 1.0
         for k in range(3):
             size = max(size, abs(net[m * dim + k] / w))
     eta = 0.5 * (p + q + 4) * ROUNDOFF * size
-    return eta * (p**3 * largest(y, 0, 3) + q**3 * largest(x, 0, 3)) / n[0, 4]
+    out[0] = eta * (p * scale_u) ** 3 * largest(y, 0, 3) / n[0, 4]
+    out[1] = eta * (q * scale_v) ** 3 * largest(x, 0, 3) / n[0, 4]
 
 
 @leaf
 def spline_slopes(
     g: Tables, row: int, box: Floats, span: Floats, sides: int, rows: int, frame: Floats, center: Floats,
-    a: float, b: float, out: Floats,
-) -> float:  # fmt: skip
+    a: float, b: float, out: Floats, noise: Floats,
+) -> bool:  # fmt: skip
     """Boxes of the slopes and their derivatives to ``out`` (SECONDS, 4), for parameters that run over a and b.
 
     Args:
@@ -149,9 +152,10 @@ def spline_slopes(
         center: a point near by.
         a, b: what counts as 1 in derivatives along u and v.
         out: see ``slope_boxes``.
+        noise: (2,) gets what roundoff may add to a slope, along u and along v.
 
     Returns:
-        What roundoff may add to a slope; infinite if there are no slopes in this frame.
+        False if there are no slopes in this frame.
     """
     s = g.surfaces[row]
     p, q = int(s.degree_u), int(s.degree_v)
@@ -190,7 +194,7 @@ def spline_slopes(
     if dim == 4:
         for c in range(0, 6, 2):
             if not r[0, 6] > 0.0:
-                return math.inf
+                return False
             r[0, c], r[0, c + 1] = over(r[0, c], r[0, c + 1], r[0, 6], r[0, 7])
         divide_by_weight(r)
     rescale(a / (box[1] - box[0]), b / (box[3] - box[2]), r, 6)
@@ -204,5 +208,6 @@ def spline_slopes(
     n = local_table(6, 6)
     normal_boxes(r, pole, max(rho0, 0.0), rho1, slope, x, y, n)
     if not slope_boxes(n, out):
-        return math.inf
-    return _noise(net, p, q, dim, x, y, n)
+        return False
+    _noise(net, p, q, dim, x, y, n, a / (box[1] - box[0]), b / (box[3] - box[2]), noise)
+    return True

@@ -23,8 +23,8 @@ Floats = npt.NDArray[np.float64]
 BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 
 MOST_SPANS = 256
-# A part of a span shorter than this share of it is bounded by the whole: differences over so little are roundoff.
-SLIVER = 1e-9
+# Of a span at least this part of the box is looked at: derivatives over less would be differences of roundoff.
+SLIVER = 0.125
 
 
 @leaf
@@ -75,8 +75,10 @@ def _part_slopes(
     s = g.surfaces[row]
     span, part = local_line(2), local_line(4)
     _span_of(g, row, 0.5 * (low + high), span)
-    if high - low < SLIVER * (span[1] - span[0]):
-        low, high = max(low - SLIVER * (span[1] - span[0]), span[0]), min(high + SLIVER * (span[1] - span[0]), span[1])
+    least = SLIVER * ((box[1] - box[0]) if s.kind == EXTRUSION else (box[3] - box[2]))
+    if high - low < least:
+        low = max(min(low, high - least), span[0])
+        high = min(max(high, low + least), span[1])
     part[0], part[1], part[2], part[3] = box[0], box[1], box[2], box[3]
     if s.kind == EXTRUSION:
         part[0], part[1] = low, high

@@ -47,7 +47,7 @@ def command(
     with stopwatch.stage("read"):
         assembly = open_inputs(inputs)
     with assembly, console.progress("faces", assembly.n_surfaces) as progress:
-        options = MeshOptions(error, normal_error, workers)
+        options = MeshOptions(error, normal_error, workers=workers)
         result = write_mesh_file(
             assembly, output, options, stopwatch.stage, lambda part: progress.advance(len(part.geometry))
         )
@@ -67,8 +67,8 @@ def command(
 def _check_errors(error: float, normal_error: float | None) -> None:
     if not (math.isfinite(error) and error > 0.0):
         raise UsageError(f"--error {error}: must be a positive number of mm")
-    if normal_error is not None and not 0.0 < normal_error <= 180.0:
-        raise UsageError(f"--normal-error {normal_error}: must be more than 0 and at most 180 degrees")
+    if normal_error is not None and not 0.0 < normal_error <= 90.0:
+        raise UsageError(f"--normal-error {normal_error}: must be more than 0 and at most 90 degrees")
 
 
 def _check_output(output: Path, inputs: tuple[Path, ...]) -> None:
@@ -90,3 +90,6 @@ def _print_summary(console: Console, result: dict[str, Any]) -> None:
     )
     if result["certified_error_mm"] > result["error_mm"]:
         console.print(f"certified error is above the {result['error_mm']:g} mm asked for; --report lists the faces")
+    angle = result.get("certified_normal_error_deg")
+    if angle is not None:
+        console.print(f"normals certified within {angle:.3g} degrees")

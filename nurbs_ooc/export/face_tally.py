@@ -15,14 +15,16 @@ class FaceTally:
 
     Attributes:
         listed: one entry per face that is not exact: id, source in the file, status, coded reason, and its
-            certified error in mm (None where it has none).
+            certified error in mm (None where it has none), with that of its normals if they were asked for.
         certified_error: mm, largest of all faces that have one.
+        certified_normal_error: degrees, likewise; None if no normals were asked for.
     """
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(FaceStatus, 0)
         self.listed: list[dict[str, Any]] = []
         self.certified_error = 0.0
+        self.certified_normal_error: float | None = None
 
     def add(self, geometry: GeometryBatch, mesh: MeshBatch, first_surface: int, stretch: float = 1.0) -> None:
         """Count the faces of one part.
@@ -36,6 +38,8 @@ class FaceTally:
         errors = mesh.certified_error * stretch
         finite = np.isfinite(errors)
         self.certified_error = max(self.certified_error, float(errors[finite].max(initial=0.0)))
+        if len(mesh.normal_error):
+            self.certified_normal_error = max(self.certified_normal_error or 0.0, float(mesh.normal_error.max()))
         for status in FaceStatus:
             self._counts[status] += int((mesh.status == status).sum())
         for i in np.flatnonzero(mesh.status != FaceStatus.EXACT).tolist():
@@ -48,6 +52,7 @@ class FaceTally:
                     "reason": FaceReason(mesh.reason[i]).name.lower(),
                     "certified_error_mm": float(errors[i]) if finite[i] else None,
                 }
+                | ({"certified_normal_error_deg": float(mesh.normal_error[i])} if len(mesh.normal_error) else {})
             )
 
     @property

@@ -20,6 +20,7 @@ from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables, tables
 from nurbs_ooc.tessellation.appearance import Appearance, kernel_aim
+from nurbs_ooc.tessellation.crease_samples import with_crease_samples
 from nurbs_ooc.tessellation.deviation import Check
 from nurbs_ooc.tessellation.edge_uses import edge_uses, faces_of_edges, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
@@ -215,6 +216,8 @@ def tessellate(
     uses = edge_uses(g)
     wished = np.arange(len(g.surfaces), dtype=np.int64) if faces is None else np.asarray(faces, np.int64)
     samples = sample_edges(g, pieces, curve_pieces(g), uses, error, run)
+    if aim is not None:
+        samples = with_crease_samples(g, pieces, uses, samples, run)
     rows = with_neighbours(g, uses, wished)
     rounds = []
     for turn in range(MAX_ROUNDS + 1):
