@@ -70,6 +70,8 @@ MOST_SPANS = 256
 HAIR = 2.0**-40
 # A span narrower than this part of the box is charged like a crease instead of with its second derivative.
 THIN = 0.125
+# How often a triangle without a bound is looked at a quarter as large.
+SHRINKINGS = 6
 # Of a span at least this part of the box is looked at.
 SLIVER = 0.125
 # Numbers of what a bound rests on: second derivatives' norms, then boxes as ``triangle_bound`` wants them, and the
@@ -436,3 +438,45 @@ def normal_bound(
     m[NOISE] = noise[0]
     bound = (linear + uneven) * (1.0 + HAIR) + beside + more + HAIR
     return bound if bound < math.pi else math.inf
+
+
+@leaf
+def _shrunk_turn(
+    g: Tables, p: Pieces, row: int, sides: int, uv: Floats, share_u: float, share_v: float, along_u: bool
+) -> float:
+    """How far normals turn along one direction over a triangle's box shrunk about its middle; infinite if unknown."""
+    box, frame, center = local_line(4), local_line(9), local_line(3)
+    _parameter_box(g, row, uv, box)
+    u, v = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
+    a, b = share_u * (box[1] - box[0]), share_v * (box[3] - box[2])
+    if not _frame_at(g, row, u, v, frame, center):
+        return math.inf
+    box[0], box[1], box[2], box[3] = u - 0.5 * a, u + 0.5 * a, v - 0.5 * b, v + 0.5 * b
+    field, noise = local_table(6, 4), local_line(1)
+    if _slope_field(g, p, row, box, sides, frame, center, field, noise) == math.inf:
+        return math.inf
+    return _norm_of(field, 1) / share_u if along_u else _norm_of(field, 2) / share_v
+
+
+@leaf
+def unbounded_metric(g: Tables, p: Pieces, row: int, sides: int, uv: Floats, m: Floats) -> None:
+    """Which way to halve a triangle that has no bound, as second derivatives for lengths, to ``m`` (3,).
+
+    It is the direction in which less of the triangle is needed for a bound.
+    """
+    box = local_line(4)
+    _parameter_box(g, row, uv, box)
+    a, b = box[1] - box[0], box[3] - box[2]
+    turn_u, turn_v = 0.0, 0.0
+    share = 0.5
+    for _ in range(SHRINKINGS):
+        turn_u = _shrunk_turn(g, p, row, sides, uv, share, 1.0, True)
+        turn_v = _shrunk_turn(g, p, row, sides, uv, 1.0, share, False)
+        if turn_u < math.inf or turn_v < math.inf:
+            break
+        share *= 0.25
+    m[0], m[1], m[2] = 32.0 / (a * a), 0.0, 32.0 / (b * b)
+    if turn_u < math.inf and (turn_v == math.inf or turn_u > turn_v):
+        m[2] = 0.0
+    elif turn_v < math.inf:
+        m[0] = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_ooc.bounds.normal_bound import NOISE
+from nurbs_ooc.bounds.normal_bound import NOISE, unbounded_metric
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
@@ -35,7 +35,7 @@ from nurbs_ooc.tessellation.shading import (
     Corners,
     Facet,
     edge_ratio,
-    facet_metric,
+    ends_at_pole,
     facet_ratio,
     fill_facet,
     new_facet,
@@ -131,14 +131,10 @@ def _improve(
         return _split_at_crease(t, f, o, k)
     m = o.second
     if ratio == math.inf:
-        facet_metric(g, row, o, m)
+        unbounded_metric(g, p, row, d.sides, o.uv, m)
     if not m[0] + m[2] > 0.0:
         return DONE
-    target = 1.0
-    if ratio == math.inf:
-        # Lengths count relative to each other alone; the circle test wants them in proportion to the face.
-        target = 0.125 * max(m[0] * (c.box[0, 1] - c.box[0, 0]) ** 2, m[2] * (c.box[0, 3] - c.box[0, 2]) ** 2)
-    local_metric(t, c, f, m, target)
+    local_metric(t, c, f, m, 1.0)
     free, q_free, fixed, q_fixed = longest_edges(t, f, k, m)
     if fixed >= 0 and q_fixed >= q_free:
         alone = edge_ratio(g, p, aim, row, d, o, fixed, error, side)
@@ -169,7 +165,8 @@ def _refine_once(
             o.crease[0] = -1.0
             ratio = facet_ratio(g, p, aim, row, d, o, distance, error, False)
             points = t.n[N_POINTS]
-            if ratio > 1.0 and refine and o.second[NOISE] < NOISY and not _is_tiny(t, k):
+            endless = _is_tiny(t, k) or o.second[NOISE] >= NOISY or (ratio == math.inf and ends_at_pole(d, at, o))
+            if ratio > 1.0 and refine and not endless:
                 outcome = _improve(g, p, aim, row, c, f, t, d, k, error, ratio, o, side, blame)
                 if outcome == FULL:
                     return FULL, changed

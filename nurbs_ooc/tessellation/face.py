@@ -263,7 +263,7 @@ def tessellate_face(
         worst = 0.0
         if aim is not None:
             found[ANGLE], found[APPEARANCE] = 0.0, 0.0
-            corners = new_corners(g, p, row, capacity + N_OUTER, owner, found)
+            corners = new_corners(g, p, row, capacity + N_OUTER, b, owner, found)
             if not final:
                 parts = np.zeros(n, dtype=np.int64)
                 if segments_too_long(g, p, aim, row, f, t, b, point, target, corners, parts):

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, leaf
-from nurbs_cache.local_array import local_line, local_table
+from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.attribute_bound import attribute_bound
 from nurbs_ooc.bounds.creases import JUMP, REACH, VALUE
 from nurbs_ooc.bounds.normal_bound import NOISE, SIZE, normal_bound
@@ -31,6 +31,7 @@ from nurbs_ooc.geometry.surface import NURBS, surface_normal, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.corner_normals import any_crease, crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
+from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.triangulate import Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
@@ -45,6 +46,8 @@ BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 UNKNOWN, ONE, CREASE, POLE = 0, 1, 2, 3
 # Numbers of ``Aim.found``.
 ANGLE, APPEARANCE = 0, 1
+# Of the face's size: where a pole has no limit of the normal, triangles at it come to an end.
+POLE_SHARE = 2.0**-8
 
 
 class Aim(NamedTuple):
@@ -69,6 +72,7 @@ class Corners(NamedTuple):
     scratch: Floats  # (4, MAX_DEGREE + 2)
     sides: int  # poles, see ``pole_sides``
     creased: bool
+    smallest: float  # mm, triangles at poles that have no bound are not made smaller
 
 
 class Facet(NamedTuple):
@@ -93,12 +97,12 @@ def new_facet() -> Facet:
 
 
 @helper
-def new_corners(g: Tables, p: Pieces, row: int, n: int, owner: Ints, found: Floats) -> Corners:
-    """Room for the points of surface ``row``, none of them known."""
+def new_corners(g: Tables, p: Pieces, row: int, n: int, b: Boundary, owner: Ints, found: Floats) -> Corners:
+    """Room for ``n`` points of surface ``row``, none of them known."""
     sides = pole_sides(g, row) if g.surfaces[row].kind == NURBS else 0
     return Corners(
         np.empty((n, WIDTH)), np.zeros(n, dtype=np.uint8), found, owner, np.empty((4, MAX_DEGREE + 2)), sides,
-        any_crease(p, row),
+        any_crease(p, row), POLE_SHARE * box_diagonal(b.position),
     )  # fmt: skip
 
 
@@ -293,14 +297,15 @@ def edge_ratio(
 
 
 @leaf
-def facet_metric(g: Tables, row: int, o: Facet, m: Floats) -> None:
-    """Squares of the lengths of a triangle's parameter units, as far as places tell, to ``m`` (3,): no bound is known.
-
-    Such a triangle is halved along its longest edge in space.
-    """
-    at = local_line(12)
-    u, v = (o.uv[0, 0] + o.uv[1, 0] + o.uv[2, 0]) / 3.0, (o.uv[0, 1] + o.uv[1, 1] + o.uv[2, 1]) / 3.0
-    surface_point(g, row, u, v, local_table(4, BASIS), at)
-    m[0] = at[3] * at[3] + at[4] * at[4] + at[5] * at[5]
-    m[1] = 0.0
-    m[2] = at[6] * at[6] + at[7] * at[7] + at[8] * at[8]
+def ends_at_pole(d: Corners, c: Ints, o: Facet) -> bool:
+    """Whether a triangle of points ``c`` (3,) lies at a pole and is as small as any there."""
+    pole = False
+    longest = 0.0
+    for i in range(3):
+        pole = pole or d.kind[c[i]] == POLE
+        j = (i + 1) % 3
+        way = 0.0
+        for m in range(3):
+            way += (o.place[i, m] - o.place[j, m]) ** 2
+        longest = max(longest, way)
+    return pole and longest <= d.smallest * d.smallest
