@@ -28,8 +28,8 @@ Floats = npt.NDArray[np.float64]
 # Rows of a table of all derivatives, and its columns: x, y, z and the weight.
 ORDERS = 10
 WIDTH = 8
-# Numbers of one component of the largest net.
-COMPONENT = (MAX_DEGREE + 1) * (MAX_DEGREE + 1)
+# Numbers of one component of the largest net, one degree higher each way.
+COMPONENT = (MAX_DEGREE + 2) * (MAX_DEGREE + 2)
 # Which control points count: all, or those of one side of the patch.
 ALL, FIRST_U, LAST_U, FIRST_V, LAST_V = 0, 1, 2, 3, 4
 

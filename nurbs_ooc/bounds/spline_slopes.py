@@ -17,6 +17,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.derivative_boxes import COMPONENT, component_boxes, divide_by_weight, rescale, restrict
+from nurbs_ooc.bounds.derivatives import LIFTED_SIZE, affine_map, less_affine
 from nurbs_ooc.bounds.intervals import largest, over
 from nurbs_ooc.bounds.slope_field import NO_POLE, POLE_U, POLE_V, normal_boxes, slope_boxes
 from nurbs_ooc.geometry.bezier_net import NET, bezier_net
@@ -135,6 +136,71 @@ def _noise(
 
 
 @leaf
+def _derivatives(net: Floats, p: int, q: int, dim: int, side: int, frame: Floats, center: Floats, r: Floats) -> bool:
+    """Boxes of the derivatives of S - center over a net's patch to ``r``; False if a weight may be 0.
+
+    Of a rational patch an affine map is taken off first, see ``derivatives``: row 0 is without it.
+    """
+    one = local_line(COMPONENT)
+    if dim == 3:
+        for c in range(3):
+            _component(net, (p + 1) * (q + 1), dim, frame, center, c, one)
+            component_boxes(one, p, q, side, r, 2 * c)
+        return True
+    lifted = local_line(LIFTED_SIZE)
+    affine = local_table(3, 3)
+    nowhere = local_line(3)
+    affine_map(net, p, q, affine)
+    less_affine(net, p, q, affine, lifted)
+    for k in range(3):
+        nowhere[k] = 0.0
+    for c in range(4):
+        _component(lifted, (p + 2) * (q + 2), dim, frame, nowhere, c, one)
+        component_boxes(one, p + 1, q + 1, side, r, 2 * c)
+    if not _divide(r):
+        return False
+    for c in range(3):
+        for k in range(1, 3):
+            slope = 0.0
+            for e in range(3):
+                slope += frame[3 * c + e] * affine[k, e]
+            r[k, 2 * c] += slope
+            r[k, 2 * c + 1] += slope
+    return True
+
+
+@leaf
+def _divide(r: Floats) -> bool:
+    """Derivatives of A / w from those of A and w, row 0 included."""
+    if not r[0, 6] > 0.0:
+        return False
+    for c in range(0, 6, 2):
+        r[0, c], r[0, c + 1] = over(r[0, c], r[0, c + 1], r[0, 6], r[0, 7])
+    return divide_by_weight(r)
+
+
+@leaf
+def _pole_derivatives(
+    net: Floats, p: int, q: int, dim: int, side: int, frame: Floats, pole: int, at_end: bool, part: Floats, r: Floats
+) -> bool:
+    """The same of R in S = c + r R over ``part`` of the span that ``net`` belongs to."""
+    one = local_line(COMPONENT)
+    origin = local_line(3)
+    at = 0 if not at_end else (p * (q + 1) if pole == POLE_U else q) * dim
+    for k in range(3):
+        origin[k] = net[at + k] / (net[at + 3] if dim == 4 else 1.0)
+    for c in range(dim):
+        _component(net, (p + 1) * (q + 1), dim, frame, origin, c, one)
+        low_p, low_q = p, q
+        if c < 3:
+            _divide_out(one, p, q, pole, at_end)
+            low_p, low_q = (p - 1, q) if pole == POLE_U else (p, q - 1)
+        _cut_out(one, low_p, low_q, part)
+        component_boxes(one, low_p, low_q, side, r, 2 * c)
+    return dim == 3 or _divide(r)
+
+
+@leaf
 def spline_slopes(
     g: Tables, row: int, box: Floats, span: Floats, sides: int, rows: int, frame: Floats, center: Floats,
     a: float, b: float, out: Floats, noise: Floats,
@@ -160,7 +226,6 @@ def spline_slopes(
     s = g.surfaces[row]
     p, q = int(s.degree_u), int(s.degree_v)
     net = local_line(NET)
-    one = local_line(COMPONENT)
     r = local_table(10, 8)
     part = local_line(4)
     wide, high = span[1] - span[0], span[3] - span[2]
@@ -169,34 +234,14 @@ def spline_slopes(
     bit = _choose_pole(sides, part)
     pole = NO_POLE if bit == 0 else (POLE_U if bit <= AT_U1 else POLE_V)
     at_end = bit == AT_U1 or bit == AT_V1
-    origin = local_line(3)
     if bit == 0:
         dim = bezier_net(g, row, box[0], box[1], box[2], box[3], net)
-        for k in range(3):
-            origin[k] = center[k]
+        if not _derivatives(net, p, q, dim, rows, frame, center, r):
+            return False
     else:
         dim = bezier_net(g, row, span[0], span[1], span[2], span[3], net)
-        at = 0 if not at_end else (p * (q + 1) if pole == POLE_U else q) * dim
-        for k in range(3):
-            origin[k] = net[at + k] / (net[at + 3] if dim == 4 else 1.0)
-    less_p, less_q = (1 if pole == POLE_U else 0), (1 if pole == POLE_V else 0)
-    for c in range(dim):
-        _component(net, (p + 1) * (q + 1), dim, frame, origin, c, one)
-        if bit == 0:
-            component_boxes(one, p, q, rows, r, 2 * c)
-            continue
-        low_p, low_q = p, q
-        if c < 3:
-            _divide_out(one, p, q, pole, at_end)
-            low_p, low_q = p - less_p, q - less_q
-        _cut_out(one, low_p, low_q, part)
-        component_boxes(one, low_p, low_q, rows, r, 2 * c)
-    if dim == 4:
-        for c in range(0, 6, 2):
-            if not r[0, 6] > 0.0:
-                return False
-            r[0, c], r[0, c + 1] = over(r[0, c], r[0, c + 1], r[0, 6], r[0, 7])
-        divide_by_weight(r)
+        if not _pole_derivatives(net, p, q, dim, rows, frame, pole, at_end, part, r):
+            return False
     rescale(a / (box[1] - box[0]), b / (box[3] - box[2]), r, 6)
     rho0, rho1, slope = 1.0, 1.0, 0.0
     if pole == POLE_U:

@@ -86,6 +86,8 @@ def write_mesh_file(
     normals = {}
     if tally.certified_normal_error is not None:
         normals["certified_normal_error_deg"] = tally.certified_normal_error + FLOAT32_NORMAL_DEG
+    if tally.appearance_error is not None:
+        normals["appearance_error_mm"] = tally.appearance_error
     return {
         "faces": tally.counts,
         **{k: sum(p[k] for p in parts) for k in ("triangles", "points", "vertices", "boundary_edges")},

@@ -209,7 +209,7 @@ def tessellate(
     """
     error = _checked_error(geometry, chord_error)
     g = sound_tables(tables(geometry))
-    aim = kernel_aim(g, normal_error_deg, appearance)
+    aim = kernel_aim(geometry, g, normal_error_deg, appearance)
     run = chunk_runner(workers)
     # Strips between knots turn normals however thin they are: none is taken for a crease then.
     pieces = surface_pieces(g, error if aim is None else 0.0)

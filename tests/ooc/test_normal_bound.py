@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import mpmath as mp
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -185,3 +186,30 @@ def test_bound_is_not_wasteful(name: str) -> None:
     if seen.any():
         assert np.median(coarse[seen] / worst[seen]) < 1.5
     assert np.median(coarse / fine) > 3.0 or np.median(coarse) < 1e-9
+
+
+def test_a_long_thin_arc_does_not_pay_for_its_length() -> None:
+    """A rational cylinder of radius 1e-3: its weights change along u, and its length has nothing to do with normals."""
+    found = []
+    for length in (1.0, 1e5):
+        form = as_nurbs(
+            SurfaceForm.framed(SurfaceKind.CYLINDER, ORIGIN, 1e-3 * X, 1e-3 * Y, Z, domain=(0, 3, 0, length))
+        )
+        batch = batch_of(form)
+        u = form.u0 + (form.u1 - form.u0) * np.array([0.3, 0.4, 0.35])
+        uv = np.stack([u, form.v0 + (form.v1 - form.v0) * np.array([0.0, 0.0, 1.0])], axis=1)[None]
+        normals = unit_normals(batch, uv)
+        found.append(float(bounds_of(batch, uv, normals)[0]))
+        assert worst_angles(batch, uv, normals)[0] <= found[-1] + 1e-12
+    assert found[1] <= 1.05 * found[0]
+
+
+def test_an_arc_in_fifty_digits() -> None:
+    a = np.array([1e-6, 1e-4, 1e-2, 0.5, 1.0, 2.0])
+    found = _turns(a)
+    with mp.workdps(50):
+        for angle, bound in zip(a, found, strict=True):
+            h = mp.mpf(float(angle)) / 2
+            worst = max(abs(mp.atan(w * mp.tan(h)) - w * h) for w in mp.linspace(0, 1, 2001))
+            assert worst <= bound * (1 + 1e-6) + 1e-25
+            assert bound <= worst * (1 + 1e-4) + mp.mpf("1e-22")
