@@ -110,6 +110,7 @@ class FaceReason(IntEnum):
     BUDGET_EXHAUSTED = 54
     FILE_GAP = 55
     NO_TRIANGLES = 56
+    NORMALS_NOT_KEPT = 57
 
 
 SURFACE_DTYPE = np.dtype(

@@ -1,7 +1,7 @@
 """The ways to make triangles whose cost is compared; each is one row of ``VARIANTS``.
 
 A variant is a name, the dials it is turned by, and a function that prepares a part and one that meshes
-it. To add one (an appearance-preserving mode, say) write those two functions and append a row; the
+it. To add one write those two functions and append a row; the
 curves, the tables and the plots take it from there.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.accuracy.sampled_mesh import sampled_mesh, uniform_mesh
+from nurbs_ooc.tessellation.appearance import Appearance
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.tessellate import tessellate
 
@@ -65,6 +66,10 @@ def _certified(geometry: GeometryBatch, error: float) -> MeshBatch:
     return tessellate(geometry, error, workers=1)
 
 
+def _appearance(geometry: GeometryBatch, error: float) -> MeshBatch:
+    return tessellate(geometry, error, appearance=Appearance(), workers=1)
+
+
 def _uniform(geometry: GeometryBatch, steps: float) -> MeshBatch:
     return uniform_mesh(geometry, int(steps))
 
@@ -83,6 +88,7 @@ def _mesh_shape(shape: Any, error: float) -> Timed:
 
 VARIANTS = (
     Variant("certified", "error", ERROR_SHARES, True, _itself, _timed(_certified)),
+    Variant("appearance-preserving", "error", ERROR_SHARES, True, _itself, _timed(_appearance)),
     Variant("sampled estimate", "error", ERROR_SHARES, False, _itself, _timed(sampled_mesh)),
     Variant("uniform", "steps", GRID_STEPS, False, _itself, _timed(_uniform)),
     Variant("Open CASCADE", "error", ERROR_SHARES, False, _build_shape, _mesh_shape, peer=True),

@@ -130,7 +130,7 @@ def _divide(box: Floats, w_min: float, w_max: float, spread: float) -> None:
 
 
 @leaf
-def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
+def affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
     """Rows of ``a`` (3, 3): A at (0, 0), and its change over the box along u and along v."""
     for k in range(3):
         a[0, k], a[1, k], a[2, k] = 0.0, 0.0, 0.0
@@ -147,7 +147,7 @@ def _affine_map(net: Floats, p: int, q: int, a: Floats) -> None:
 
 
 @leaf
-def _less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
+def less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
     """The flat net of (w (S - A), w), of degrees (p + 1) x (q + 1): degree elevation with A taken off on the way."""
     a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
     u0, u1, u2 = a[1, 0], a[1, 1], a[1, 2]
@@ -176,9 +176,9 @@ def _rational_bounds(
 ) -> None:
     """Bounds of a rational patch to ``out`` and ``boxes``; ``sizes`` (5, 2) is scratch."""
     a = local_table(3, 3)
-    _affine_map(net, p, q, a)
+    affine_map(net, p, q, a)
     lifted = local_line(LIFTED_SIZE)
-    _less_affine(net, p, q, a, lifted)
+    less_affine(net, p, q, a, lifted)
     r = 0.0
     w_min = lifted[3]
     w_max = w_min

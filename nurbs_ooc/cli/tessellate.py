@@ -20,6 +20,11 @@ from nurbs_ooc.cli.options import inputs_argument, json_option, report_option, w
     "--error", required=True, type=float, metavar="MM", help="Chord error in mm: surface to triangles, both ways."
 )
 @click.option("--normal-error", type=float, metavar="DEG", help="Also bound the normals' deviation, degrees.")
+@click.option(
+    "--appearance",
+    type=click.Choice(["normals", "curvature", "both"]),
+    help="Let the error hold for distance and shading together: of normals, a colouring by curvature, or both.",
+)
 @workers_option
 @report_option
 @json_option
@@ -29,6 +34,7 @@ def command(
     output: Path,
     error: float,
     normal_error: float | None,
+    appearance: str | None,
     workers: int,
     report: Path | None,
     as_json: bool,
@@ -42,12 +48,16 @@ def command(
     _check_output(output, inputs)
     from nurbs_ooc.export.mesh_file import MeshOptions, write_mesh_file
     from nurbs_ooc.readers.several import open_inputs
+    from nurbs_ooc.tessellation.appearance import Appearance
 
     console, stopwatch = Console(as_json), Stopwatch()
     with stopwatch.stage("read"):
         assembly = open_inputs(inputs)
     with assembly, console.progress("faces", assembly.n_surfaces) as progress:
-        options = MeshOptions(error, normal_error, workers)
+        look = None
+        if appearance is not None:
+            look = Appearance(appearance != "curvature", None if appearance == "normals" else "curvature")
+        options = MeshOptions(error, normal_error, look, workers)
         result = write_mesh_file(
             assembly, output, options, stopwatch.stage, lambda part: progress.advance(len(part.geometry))
         )
@@ -67,8 +77,8 @@ def command(
 def _check_errors(error: float, normal_error: float | None) -> None:
     if not (math.isfinite(error) and error > 0.0):
         raise UsageError(f"--error {error}: must be a positive number of mm")
-    if normal_error is not None and not 0.0 < normal_error <= 180.0:
-        raise UsageError(f"--normal-error {normal_error}: must be more than 0 and at most 180 degrees")
+    if normal_error is not None and not 0.0 < normal_error <= 90.0:
+        raise UsageError(f"--normal-error {normal_error}: must be more than 0 and at most 90 degrees")
 
 
 def _check_output(output: Path, inputs: tuple[Path, ...]) -> None:
@@ -90,3 +100,8 @@ def _print_summary(console: Console, result: dict[str, Any]) -> None:
     )
     if result["certified_error_mm"] > result["error_mm"]:
         console.print(f"certified error is above the {result['error_mm']:g} mm asked for; --report lists the faces")
+    if "appearance_error_mm" in result:
+        console.print(f"distance and shading together {result['appearance_error_mm']:.3g} mm")
+    angle = result.get("certified_normal_error_deg")
+    if angle is not None:
+        console.print(f"normals certified within {angle:.3g} degrees")

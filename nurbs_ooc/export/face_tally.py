@@ -15,14 +15,18 @@ class FaceTally:
 
     Attributes:
         listed: one entry per face that is not exact: id, source in the file, status, coded reason, and its
-            certified error in mm (None where it has none).
+            certified error in mm (None where it has none), with that of its normals if they were asked for.
         certified_error: mm, largest of all faces that have one.
+        certified_normal_error: degrees, likewise; None if no normals were asked for.
+        appearance_error: mm, of distance and shading together, all terms of distance included; None likewise.
     """
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(FaceStatus, 0)
         self.listed: list[dict[str, Any]] = []
         self.certified_error = 0.0
+        self.certified_normal_error: float | None = None
+        self.appearance_error: float | None = None
 
     def add(self, geometry: GeometryBatch, mesh: MeshBatch, first_surface: int, stretch: float = 1.0) -> None:
         """Count the faces of one part.
@@ -36,6 +40,12 @@ class FaceTally:
         errors = mesh.certified_error * stretch
         finite = np.isfinite(errors)
         self.certified_error = max(self.certified_error, float(errors[finite].max(initial=0.0)))
+        if len(mesh.normal_error):
+            self.certified_normal_error = max(self.certified_normal_error or 0.0, float(mesh.normal_error.max()))
+        if len(mesh.appearance_error):
+            together = (mesh.appearance_error + mesh.trim_error + mesh.pcurve_error) * stretch
+            finite_ones = together[np.isfinite(together)]
+            self.appearance_error = max(self.appearance_error or 0.0, float(finite_ones.max(initial=0.0)))
         for status in FaceStatus:
             self._counts[status] += int((mesh.status == status).sum())
         for i in np.flatnonzero(mesh.status != FaceStatus.EXACT).tolist():
@@ -48,6 +58,7 @@ class FaceTally:
                     "reason": FaceReason(mesh.reason[i]).name.lower(),
                     "certified_error_mm": float(errors[i]) if finite[i] else None,
                 }
+                | ({"certified_normal_error_deg": float(mesh.normal_error[i])} if len(mesh.normal_error) else {})
             )
 
     @property

@@ -17,11 +17,13 @@ from nurbs_ooc.export.gltf_space import stretch
 from nurbs_ooc.export.part_mesh import part_mesh
 from nurbs_ooc.export.smallest_angles import AngleCount
 from nurbs_ooc.readers.assembly import AssemblyReader, Part
+from nurbs_ooc.tessellation.appearance import Appearance
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.tessellate import tessellate
 
 FLOAT32_SHARE = 2.0**-23  # of the part's extent: float32 moves a vertex by at most half of it
 LEAST_SHARE = 1e-3  # of the error, kept for float32 where the extent is not known from the edges' ends (a torus)
+FLOAT32_NORMAL_DEG = 2e-5  # what float32 turns a normal by at most
 MOST_SHARE = 0.5  # of the error: below float32's reach refining further would not help
 
 
@@ -31,6 +33,7 @@ class MeshOptions:
 
     chord_error: float
     normal_error_deg: float | None = None
+    appearance: Appearance | None = None
     workers: int = 1
 
 
@@ -82,11 +85,17 @@ def write_mesh_file(
             on_part(part)
         with stage("write"):
             n_bytes = writer.write(temporary, assembly.products, assembly.materials, assembly.occurrences)
+    normals = {}
+    if tally.certified_normal_error is not None:
+        normals["certified_normal_error_deg"] = tally.certified_normal_error + FLOAT32_NORMAL_DEG
+    if tally.appearance_error is not None:
+        normals["appearance_error_mm"] = tally.appearance_error
     return {
         "faces": tally.counts,
         **{k: sum(p[k] for p in parts) for k in ("triangles", "points", "vertices", "boundary_edges")},
         "lines": 0,
         "certified_error_mm": tally.certified_error + max((p["float32_error_mm"] for p in parts), default=0.0),
+        **normals,
         "smallest_angle_deg": angles.as_json(),
         "bytes": n_bytes,
         "surfaces": sum(p["faces"] for p in parts),
@@ -119,6 +128,11 @@ def _tessellate(part: Part, options: MeshOptions, largest_stretch: float) -> Mes
     vertices = part.geometry.vertices
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     reserve = min(max(FLOAT32_SHARE * extent, LEAST_SHARE * error), MOST_SHARE * error)
+    normal = options.normal_error_deg
     return tessellate(
-        part.geometry, error - reserve, normal_error_deg=options.normal_error_deg, workers=options.workers
+        part.geometry,
+        error - reserve,
+        normal_error_deg=None if normal is None else max(normal - FLOAT32_NORMAL_DEG, 0.5 * normal),
+        appearance=options.appearance,
+        workers=options.workers,
     )

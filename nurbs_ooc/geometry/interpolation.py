@@ -32,3 +32,18 @@ def through(points: Array, t0: float = 0.0, t1: float = 1.0) -> CurveForm:
     """The cubic with ``points`` (n, dim) at t0 + (t1 - t0) * nodes(n)."""
     knots, _, inverse = _system(len(points))
     return CurveForm.nurbs(DEGREE, t0 + (t1 - t0) * knots, inverse @ points)
+
+
+def knots(n: int) -> Array:
+    """(n + 4,) knots of the cubic through ``n`` points, over 0..1."""
+    return _system(n)[0]
+
+
+def inverse(n: int) -> Array:
+    """(n, n) matrix from points to control points."""
+    return _system(n)[2]
+
+
+def basis(n: int, t: float) -> Array:
+    """(n,) basis functions at ``t``."""
+    return bspline_basis(_system(n)[0], DEGREE, t)

@@ -3,13 +3,14 @@
 1. Samples of the trimmed surface are measured to the triangles; the worst climb to worse ones.
 2. Points of the triangles are measured to the trimmed surface; the worst triangles are sampled again.
 3. A mesh point over its limit is examined: is there really no foot? Only what stands is a violation.
+4. Where the mesh promises normals, they are attacked too (see ``attack_normals``).
 
 Nothing is shared with the tessellator but the records.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.measure.ascent import climb, worst_of_each
+from nurbs_ooc.measure.attack_normals import attack_normals
 from nurbs_ooc.measure.certify_far import FarProof
 from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
 from nurbs_ooc.measure.exact_surface import normals, points
@@ -51,6 +53,8 @@ class AttackReport:
         worst_uv: (n, 2) where the largest of them was met.
         mesh_to_surface_max, mesh_to_surface_mean: (n,) distances of mesh points to the trimmed surface.
         normal_error_deg: (n,) largest angle between a vertex normal and the surface's.
+        interpolated_normal_deg: (n,) largest angle between an interpolated normal and the surface's; 0 where the
+            mesh promises none.
         inverted: (n,) triangles that look against the surface's outside.
         over_request: (n,) bool, certified above the request.
         undecided: mesh points for which neither a foot was found nor its absence proven.
@@ -67,6 +71,7 @@ class AttackReport:
     mesh_to_surface_max: Floats
     mesh_to_surface_mean: Floats
     normal_error_deg: Floats
+    interpolated_normal_deg: Floats
     inverted: Indices
     over_request: npt.NDArray[np.bool_]
     undecided: int = 0
@@ -94,6 +99,7 @@ class AttackReport:
             "median_certified_over_measured": float(np.median(tightness)) if len(tightness) else None,
             "faces_over_request": int(self.over_request.sum()),
             "normal_error_max_deg": float(self.normal_error_deg.max(initial=0.0)),
+            "interpolated_normal_max_deg": float(self.interpolated_normal_deg.max(initial=0.0)),
             "inverted_triangles": int(self.inverted.sum()),
             "undecided": self.undecided,
             "violations": [v.as_json() for v in self.violations],
@@ -123,17 +129,18 @@ class _Attack:
         self, geometry: GeometryBatch, mesh: MeshBatch, samples: int, seed: int, requested: float | None
     ) -> None:
         self.geometry, self.mesh, self.samples, self.requested = geometry, mesh, samples, requested
+        self.seed = seed
         self.rng = np.random.default_rng([seed, 0xA77A])
         self.certified = np.asarray(mesh.certified_error, float)
         self.violations = _malformed(geometry, mesh)
         broken = {v.row for v in self.violations}
         self.alive = np.array([i for i, row in enumerate(mesh.faces) if int(row) not in broken], np.int64)
         n = len(mesh.faces)
-        zeros = [np.zeros(n) for _ in range(5)]
+        zeros = [np.zeros(n) for _ in range(6)]
         over = self.certified > (np.inf if requested is None else requested)
         self.report = AttackReport(
             mesh.faces, self.certified, requested, 0, zeros[0], zeros[1], np.full((n, 2), np.nan), zeros[2], zeros[3],
-            zeros[4], np.zeros(n, np.int64), over, 0, self.violations,
+            zeros[4], zeros[5], np.zeros(n, np.int64), over, 0, self.violations,
         )  # fmt: skip
         used = mesh.positions[np.isfinite(mesh.positions).all(1)]
         self.size = float(np.ptp(used, axis=0).max()) if len(used) else 1.0
@@ -150,6 +157,8 @@ class _Attack:
             self._surface_to_mesh()
             self._mesh_to_surface()
             self._orientation()
+            if len(self.mesh.normal_error):
+                self._interpolated_normals()
         return self.report
 
     def _triangle_tree(self) -> ClosestPrimitive:
@@ -251,6 +260,14 @@ class _Attack:
         against = (np.einsum("ni,nki->nk", flat, exact[t]) < 0).all(1)
         face = np.repeat(np.arange(len(mesh.faces)), np.diff(mesh.triangle_start))
         np.add.at(self.report.inverted, face[against], 1)
+
+    def _interpolated_normals(self) -> None:
+        found = replace(self.found, face=self.alive[self.found.face])
+        attack = attack_normals(self.geometry, self.mesh, self.samples, self.seed, found)
+        alive = {int(row) for row in self.mesh.faces[self.alive]}
+        self.report.interpolated_normal_deg[:] = attack.largest
+        self.report.n_samples += attack.n_samples
+        self.violations += [v for v in attack.violations if v.row in alive]
 
     def _record(self, i: int, kind: str, value: float, uv: Floats | None, p: Floats) -> None:
         row = int(self.mesh.faces[i])

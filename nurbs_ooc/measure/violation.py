@@ -15,10 +15,11 @@ class Violation:
         where: the face, surface or node it concerns, in words.
         row: its row in the surfaces (mesh) or nodes (cache).
         kind: one of those in docs/verify.md, as ``surface to mesh``.
-        value: what was measured, mm.
-        limit: what was promised, mm.
+        value: what was measured, in ``unit``.
+        limit: what was promised, in ``unit``.
         uv: native parameters of the point of the surface, where there is one.
         point: the point in space, mm.
+        unit: mm or degrees.
     """
 
     where: str
@@ -28,11 +29,12 @@ class Violation:
     limit: float = float("nan")
     uv: tuple[float, float] | None = None
     point: tuple[float, float, float] | None = None
+    unit: str = "mm"
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.kind}"
         if self.value == self.value:
-            text += f" {self.value:.6g} mm, promised {self.limit:.6g} mm"
+            text += f" {self.value:.6g} {self.unit}, promised {self.limit:.6g} {self.unit}"
         if self.uv is not None:
             text += f" at (u, v) = ({self.uv[0]:.17g}, {self.uv[1]:.17g})"
         if self.point is not None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.tessellation.emit import Output
-from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.mesh import NOT_ASKED, MeshBatch
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -29,7 +29,7 @@ class Chunk(NamedTuple):
         output: their vertices, triangles and segments, face after face.
         ends: (n, 3) where those of each face end.
         codes: (n, 3) result of ``tessellate_face``, status, reason.
-        errors: (n, 3) mm: surface, trim and p-curve error.
+        errors: (n, 5) mm: surface, trim and p-curve error; then the normals' (radians) and the combined error.
     """
 
     output: Output
@@ -79,7 +79,7 @@ def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
 
     Without the gap they would have kept it: what surface and trim take is within the error.
     """
-    over = (errors.sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
+    over = (errors[:, :3].sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
     kept_open = over & (codes[:, 1] == FaceStatus.EXACT)
     codes[kept_open, 1] = FaceStatus.HEALED
     codes[kept_open, 2] = FaceReason.FILE_GAP
@@ -114,11 +114,16 @@ def _nothing() -> tuple[list[_Run], Ints, Ints, Floats]:
         np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), none.reshape(0, 3), none.reshape(0, 2), none, none, none
     )
     starts = np.zeros((1, 3), np.int64)
-    return [_Run(output, starts[0], starts[0], starts[0])], starts, none.reshape(0, 3), np.zeros((0, 3))
+    return [_Run(output, starts[0], starts[0], starts[0])], starts, none.reshape(0, 3), np.zeros((0, 5))
 
 
 def assemble(
-    rounds: Sequence[tuple[Ints, Sequence[Chunk]]], faces: Ints, error: float, approximation: Floats
+    rounds: Sequence[tuple[Ints, Sequence[Chunk]]],
+    faces: Ints,
+    error: float,
+    approximation: Floats,
+    shaded: bool = False,
+    combined: bool = False,
 ) -> MeshBatch:
     """The mesh of ``faces``.
 
@@ -127,6 +132,7 @@ def assemble(
         faces: (n,) distinct rows, each in one round at least.
         error: mm, what was asked for.
         approximation: (n,) mm: what the faces' own surfaces are off by, part of the p-curve error.
+        shaded, combined: whether the mesh has ``normal_error``, and ``appearance_error``.
     """
     runs, starts, codes, errors = _latest(rounds, faces) if len(faces) else _nothing()
     _name_gaps(codes, errors, error)
@@ -145,4 +151,6 @@ def assemble(
         pcurve_error=errors[:, 2] + approximation,
         status=codes[:, 1].astype(np.uint8),
         reason=codes[:, 2].astype(np.uint16),
+        normal_error=np.degrees(errors[:, 3]) if shaded else NOT_ASKED,
+        appearance_error=errors[:, 4].copy() if combined else NOT_ASKED,
     )

@@ -91,10 +91,11 @@ def crease_normal(
 
 
 @leaf
-def pole_normal(g: Tables, row: int, uv: Floats, middle: Floats, scratch: Floats, out: Floats) -> None:
+def pole_normal(g: Tables, row: int, uv: Floats, middle: Floats, scratch: Floats, out: Floats) -> float:
     """Limit of the outside normal at the pole ``uv`` (2,), coming from ``middle`` (2,) between the other corners.
 
-    Moves ``uv`` along the line that is one point, to where the way from ``middle`` ends.
+    Moves ``uv`` along the line that is one point, to where the way from ``middle`` ends. Returns the part of that
+    way at which the normal was taken, 1 if it is none of its limit.
     """
     at = local_line(12)
     surface_point(g, row, uv[0], uv[1], scratch, at)
@@ -110,6 +111,7 @@ def pole_normal(g: Tables, row: int, uv: Floats, middle: Floats, scratch: Floats
             if g.surfaces[row].reversed:
                 for k in range(3):
                     out[k] = -out[k]
-            return
+            return step
     surface_point(g, row, uv[0], uv[1], scratch, at)
     surface_normal(g, row, uv[0], uv[1], scratch, at, out)
+    return 1.0

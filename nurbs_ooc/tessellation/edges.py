@@ -277,9 +277,10 @@ def _positions(g: Tables, uses: EdgeUses, first: Ints, t: Floats, low: int, high
                 out[i, k] = point[k]
 
 
-def _with_positions(
+def with_positions(
     g: Tables, uses: EdgeUses, counts: Ints, t: Floats, trim: Floats, run: Callable[..., list[Any]]
 ) -> EdgeSamples:
+    """Samples at parameters ``t``, ``counts`` of each edge, with their places; ``trim`` stays as it is."""
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     position = np.empty((len(t), 3))
     run(lambda low, high: _positions(g, uses, first, t, low, high, position), len(g.edges))
@@ -309,7 +310,7 @@ def sample_edges(
     results = run(lambda low, high: _sample_edges(g, pieces, curves, near, uses, low, high, aim, trim), len(g.edges))
     counts = np.concatenate([r[0] for r in results]) if results else np.zeros(0, np.int64)
     t = np.concatenate([r[1] for r in results]) if results else np.zeros(0)
-    return _with_positions(g, uses, counts, t, trim, run)
+    return with_positions(g, uses, counts, t, trim, run)
 
 
 def split_segments(
@@ -336,4 +337,4 @@ def split_segments(
     t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
     edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
     counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
-    return _with_positions(g, uses, counts, t, samples.trim, run), counts > np.diff(samples.first)
+    return with_positions(g, uses, counts, t, samples.trim, run), counts > np.diff(samples.first)

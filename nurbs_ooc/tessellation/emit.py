@@ -163,11 +163,11 @@ def _put_inner(
 
 
 @leaf
-def _with_normal(o: Output, base: int, normal: Floats, uv: Floats) -> int:
+def _with_normal(o: Output, base: int, normal: Floats, uv: Floats, apart: bool) -> int:
     """The vertex at the place of vertex ``base`` that has this normal, new if there is none.
 
     ``o.following`` leads from one vertex of a place to the next: LAST ends, UNUSED says that no triangle has
-    taken ``base`` yet, so that it may still have any normal.
+    taken ``base`` yet, so that it may still have any normal. With ``apart`` it must have these parameters too.
     """
     following = o.following
     v = base
@@ -181,7 +181,7 @@ def _with_normal(o: Output, base: int, normal: Floats, uv: Floats) -> int:
         cosine = 0.0
         for k in range(3):
             cosine += normal[k] * o.normal[v, k]
-        if cosine >= SAME_NORMAL:
+        if cosine >= SAME_NORMAL and not (apart and (o.uv[v, 0] != uv[0] or o.uv[v, 1] != uv[1])):
             return v
         if following[v] == LAST:
             break
@@ -194,20 +194,24 @@ def _with_normal(o: Output, base: int, normal: Floats, uv: Floats) -> int:
 
 @leaf
 def _corner(
-    g: Tables, p: Pieces, row: int, f: Frame, o: Output, kind: int, base: int, j: int, k: int, scratch: Floats
-) -> int:
-    """The vertex that a triangle of vertices ``base``, j, k gets at ``base``: the one with the right normal."""
+    g: Tables, p: Pieces, row: int, f: Frame, o: Output, kind: int, base: int, j: int, k: int, scratch: Floats,
+    nominal: Floats, first: int, apart: bool,
+) -> int:  # fmt: skip
+    """The vertex that a triangle of vertices ``base``, j, k gets at ``base``: the one with the right normal.
+
+    ``nominal`` has the parameters of vertices, from ``first`` on; ``apart``: see ``_with_normal``.
+    """
     uv = local_line(2)
     middle = local_line(2)
     normal = local_line(3)
     for m in range(2):
-        uv[m] = o.uv[base, m]
-        middle[m] = 0.5 * (o.uv[j, m] + o.uv[k, m])
+        uv[m] = nominal[base - first, m]
+        middle[m] = 0.5 * (nominal[j - first, m] + nominal[k - first, m])
     if kind == POLE:
         pole_normal(g, row, uv, middle, scratch, normal)
     else:
         crease_normal(g, p, row, f, uv, middle, scratch, normal)
-    return _with_normal(o, base, normal, uv)
+    return _with_normal(o, base, normal, uv, apart)
 
 
 @leaf
@@ -224,8 +228,9 @@ def _put_segments(b: BoundaryRoom, n: int, at: Ints, o: Output) -> None:
 
 @leaf
 def _put_triangles(
-    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, o: Output, at: Ints, kind: Flags
-) -> None:
+    g: Tables, p: Pieces, row: int, t: Triangulation, f: Frame, scratch: Floats, o: Output, at: Ints, kind: Flags,
+    nominal: Floats, from_vertex: int, apart: bool,
+) -> None:  # fmt: skip
     """The triangles inside that enclose area, each with the vertices that have the right normals for it."""
     reverse = g.surfaces[row].reversed != 0
     for k in range(t.n[N_TRIANGLES]):
@@ -238,11 +243,11 @@ def _put_triangles(
             continue
         first, second, third = i, j, m
         if kind[x] != ONE:
-            first = _corner(g, p, row, f, o, kind[x], i, j, m, scratch)
+            first = _corner(g, p, row, f, o, kind[x], i, j, m, scratch, nominal, from_vertex, apart)
         if kind[y] != ONE:
-            second = _corner(g, p, row, f, o, kind[y], j, m, i, scratch)
+            second = _corner(g, p, row, f, o, kind[y], j, m, i, scratch, nominal, from_vertex, apart)
         if kind[z] != ONE:
-            third = _corner(g, p, row, f, o, kind[z], m, i, j, scratch)
+            third = _corner(g, p, row, f, o, kind[z], m, i, j, scratch, nominal, from_vertex, apart)
         n = o.n[1]
         o.triangle[n, 0] = first
         o.triangle[n, 1], o.triangle[n, 2] = (third, second) if reverse else (second, third)
@@ -250,10 +255,11 @@ def _put_triangles(
 
 
 @leaf
-def emit_face(g: Tables, p: Pieces, row: int, w: Workspace, o: Output) -> bool:
+def emit_face(g: Tables, p: Pieces, row: int, w: Workspace, apart: bool, o: Output) -> bool:
     """Append the face in the workspace: boundary points first (each once per lattice point), inner ones, triangles.
 
-    Where triangles at one point want different normals it gets a vertex for each, all in the same place.
+    Where triangles at one point want different normals it gets a vertex for each, all in the same place; with
+    ``apart`` also where its parameters differ, so that they can be interpolated like normals.
     Returns False where ``o`` has no room for it (see ``with_room``); then nothing has been added.
     """
     n = w.size[N_BOUNDARY]
@@ -279,7 +285,13 @@ def emit_face(g: Tables, p: Pieces, row: int, w: Workspace, o: Output) -> bool:
         o.n[0] = first + taken
         for v in range(first, first + taken):
             o.following[v] = UNUSED
-    _put_triangles(g, p, row, t, f, w.scratch, o, at, kind)
+    nominal = o.uv[first:]
+    if apart:
+        # Vertices' parameters move as they take normals.
+        nominal = w.drawn.place
+        for v in range(o.n[0] - first):
+            nominal[v, 0], nominal[v, 1] = o.uv[first + v, 0], o.uv[first + v, 1]
+    _put_triangles(g, p, row, t, f, w.scratch, o, at, kind, nominal, first, apart)
     _put_segments(w.boundary, n, at, o)
     return True
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import leaf
+from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
@@ -23,12 +23,15 @@ from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
+from nurbs_ooc.tessellation.certify_shading import measure_shading, refine_shading, segments_too_long
 from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
 from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
 from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
 from nurbs_ooc.tessellation.refine import certify, parts_needed
+from nurbs_ooc.tessellation.shading import ANGLE, APPEARANCE, Aim, Corners, new_corners
+from nurbs_ooc.tessellation.shading_cells import DISTANCE_SHARE, insert_both, shading_cells
 from nurbs_ooc.tessellation.triangulate import (
     INSIDE,
     N_OUTER,
@@ -56,9 +59,12 @@ DEGRADED = int(FaceStatus.DEGRADED)
 EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
+NORMALS_NOT_KEPT = int(FaceReason.NORMALS_NOT_KEPT)
 
 # Results of ``tessellate_face``; NO_ROOM: the workspace's ``size`` says what it lacks.
 READY, NEEDS_SAMPLES, NO_ROOM = 0, 1, 2
+# A result of ``_refine``, beside those of ``certify``: samples have been asked for.
+ASKED = 3
 # Points of one face, absolutely and by what its grids and boundary promise; a face that wants more keeps
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
@@ -75,6 +81,7 @@ class Draft(NamedTuple):
 
     error: Floats  # (4,) mm: largest bound of a triangle, trim error, gap, what a fallback adds to the trim error
     code: Ints  # (2,) status and reason, 0 unless the face is DEGRADED
+    found: Floats  # (2,) of what is kept beside the distance, see ``shading``
 
 
 WORST, TRIM, GAP, EXTRA = 0, 1, 2, 3
@@ -208,10 +215,41 @@ def _nothing_inside(b: Boundary, d: Draft, final: bool, wanted: Ints) -> int:
     return READY
 
 
-@leaf
+@helper
+def _refine(
+    g: Tables, p: Pieces, row: int, c: Cells, shades: Cells, f: Frame, t: Triangulation, b: Boundary, target: float,
+    promised: float, final: bool, w: Workspace, wanted: Ints, d: Draft, aim: Aim | None, corners: Corners | None,
+) -> int:  # fmt: skip
+    """Insert the grids' points and refine: FULL, NEEDS_SAMPLES or what ``certify`` says of boundary edges."""
+    planned = promised < MAX_POINTS
+    code = DONE
+    if aim is not None and corners is not None:
+        d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
+        if not final:
+            parts = np.zeros(len(b.next), dtype=np.int64)
+            if segments_too_long(g, p, aim, row, f, t, b, b.point, target, corners, parts):
+                for i in range(len(parts)):
+                    _ask(b, i, parts[i], wanted)
+                return ASKED
+        if planned:
+            code = insert_both(t, c, shades, f, w.check.stack)
+        if code == DONE:
+            code, worst = refine_shading(g, p, aim, row, c, f, t, b, target, w, corners, final)
+            d.error[WORST] = worst
+    else:
+        if planned:
+            code = insert_grids(t, c, f, w.check.stack)
+        if code == DONE:
+            code, worst = certify(g, p, row, c, f, t, target, w.check, w.blame)
+            d.error[WORST] = worst
+    return code
+
+
+@helper
 def _attempt(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, promised: float,
-    final: bool, w: Workspace, wanted: Ints, d: Draft,
+    g: Tables, p: Pieces, row: int, c: Cells, shades: Cells, f: Frame, t: Triangulation, b: Boundary, target: float,
+    promised: float, flat: bool, final: bool, w: Workspace, wanted: Ints, d: Draft, aim: Aim | None,
+    corners: Corners | None,
 ) -> int:  # fmt: skip
     """Triangulate and refine in ``t``; NO_ROOM where that is too small, else as ``tessellate_face``."""
     owner = w.drawn.owner
@@ -229,30 +267,34 @@ def _attempt(
         flood_inside(t)
     if not _any_inside(t):
         return _nothing_inside(b, d, final, wanted)
-    if g.surfaces[row].kind == PLANE:
+    if flat:
         return READY
     if not final and _ask_for_long_segments(g, p, row, c, f, t, b, target, w.check, wanted):
         return NEEDS_SAMPLES
     w.blame[0] = 0
-    code = insert_grids(t, c, f, w.check.stack) if promised < MAX_POINTS else DONE
-    if code == DONE:
-        code, d.error[WORST] = certify(g, p, row, c, f, t, target, w.check, w.blame)
+    code = _refine(g, p, row, c, shades, f, t, b, target, promised, final, w, wanted, d, aim, corners)
     if code == FULL:
         return NO_ROOM
     if code != DONE and not final:
+        # Blames, unless the asking has been done.
         for m in range(w.blame[0]):
             _ask_between(b, owner, w.blame[3 * m + 1], w.blame[3 * m + 2], w.blame[3 * m + 3], wanted)
         return NEEDS_SAMPLES
     return READY
 
 
-@leaf
+@helper
 def _settle(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, w: Workspace,
-    d: Draft,
+    d: Draft, aim: Aim | None, corners: Corners | None,
 ) -> None:  # fmt: skip
-    """Last touches to a curved face's triangles, and what its bound is worth."""
+    """Last touches to a curved face's triangles, and what its bounds are worth."""
     unfold_poles(g, p, row, c, f, t, b, w, target)
+    if aim is not None and corners is not None:
+        measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
+        over = d.found[ANGLE] > aim.normal or (aim.appearance > 0.0 and d.found[APPEARANCE] > target)
+        if d.code[STATUS] == 0 and over:
+            d.code[STATUS], d.code[REASON] = DEGRADED, NORMALS_NOT_KEPT
     if d.error[WORST] > target:
         # No point is farther off than the face is large.
         d.error[WORST] = min(d.error[WORST], surface_diagonal(g, row, b))
@@ -266,22 +308,15 @@ def face_frame(box: Floats) -> tuple[float, float, float, float]:
     return box[0], box[2], (box[1] - box[0]) / LATTICE, (box[3] - box[2]) / LATTICE
 
 
-@leaf
+@helper
 def tessellate_face(
-    g: Tables,
-    p: Pieces,
-    samples: EdgeSamples,
-    row: int,
-    error: float,
-    final: bool,
-    w: Workspace,
-    wanted: Ints,
-    d: Draft,
-) -> int:
+    g: Tables, p: Pieces, samples: EdgeSamples, row: int, error: float, final: bool, w: Workspace, wanted: Ints,
+    d: Draft, aim: Aim | None,
+) -> int:  # fmt: skip
     """Triangulate surface ``row`` within ``error`` mm in the workspace.
 
     With ``final`` False the face may ask for edge samples: it raises ``wanted`` (by segment: the parts
-    it must be cut into) and returns NEEDS_SAMPLES.
+    it must be cut into) and returns NEEDS_SAMPLES. ``aim`` is what is to be kept beside the distance, if anything.
     """
     n = count_points(g, samples, row)
     w.size[N_BOUNDARY], w.size[CAPACITY] = n, 0
@@ -302,7 +337,11 @@ def tessellate_face(
     f = Frame(u0, v0, du, dv)
     target = max(error - trim - gap, error * (1.0 - GAP_SHARE)) * AIM
     flat = g.surfaces[row].kind == PLANE
-    n_cells = build_cells(g, p, row, b.box, 1e300 if flat else target, w.cells, w.nets, w.check.stack)
+    planned = target
+    if aim is not None:
+        flat = flat and aim.n_attributes == 0
+        planned *= DISTANCE_SHARE if aim.appearance > 0.0 else 1.0
+    n_cells = build_cells(g, p, row, b.box, 1e300 if flat else planned, w.cells, w.nets, w.check.stack)
     if n_cells == 0:
         w.size[MORE_CELLS] = 1
         return NO_ROOM
@@ -310,6 +349,10 @@ def tessellate_face(
     w.check.near[0] = 0
     density_u, density_v = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
+    shades = c
+    if aim is not None:
+        shades = shading_cells(g, aim, p, row, b.box, target)
+        promised += _grid_points(shades)
     capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
@@ -320,7 +363,11 @@ def tessellate_face(
         points = capacity + N_OUTER
         t = Triangulation(w.room.points[:points], w.room.tri[: triangles_of(points)], w.counts, w.scale)
         start_triangulation(t, density_u * du * LATTICE, density_v * dv * LATTICE)
-        code = _attempt(g, p, row, c, f, t, b, target, promised, final, w, wanted, d)
+        if aim is not None:
+            corners = new_corners(g, p, row, points, b, w.drawn.owner, d.found, w.scratch)
+        else:
+            corners = None
+        code = _attempt(g, p, row, c, shades, f, t, b, target, promised, flat, final, w, wanted, d, aim, corners)
         if code != NO_ROOM or capacity >= most:
             break
         capacity = min(2 * capacity, most)
@@ -329,5 +376,5 @@ def tessellate_face(
         d.error[WORST] = worst_bound(g, p, row, c, f, t, target, w.check)
         code = READY
     if code == READY and not flat and d.code[REASON] != BOX_AS_POINTS:
-        _settle(g, p, row, c, f, t, b, target, w, d)
+        _settle(g, p, row, c, f, t, b, target, w, d, aim, corners)
     return code

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+
+NOT_ASKED: npt.NDArray[np.float64] = np.empty(0)
+
+
+def _not_asked() -> npt.NDArray[np.float64]:
+    return NOT_ASKED
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +32,10 @@ class MeshBatch:
         segments: (n_segments, 2) int64 rows in ``positions``: the face's boundary, for lines.
         surface_error, trim_error, pcurve_error: (n,) float64, mm: the ledger's first three terms;
             their sum bounds the distance between the face and its triangles in both directions.
+        normal_error: (n,) float64, degrees: bound of the angle between normals interpolated in the triangles and
+            the surface's, 180 where there is none; (0,) if it was not asked for.
+        appearance_error: (n,) float64, mm: bound of the error of distance and shading combined, without trim and
+            p-curve terms; (0,) if it was not asked for.
         status: (n,) uint8 ``FaceStatus``; reason: (n,) uint16 ``FaceReason`` (reader's included).
     """
 
@@ -43,6 +53,8 @@ class MeshBatch:
     pcurve_error: npt.NDArray[np.float64]
     status: npt.NDArray[np.uint8]
     reason: npt.NDArray[np.uint16]
+    normal_error: npt.NDArray[np.float64] = field(default_factory=_not_asked)
+    appearance_error: npt.NDArray[np.float64] = field(default_factory=_not_asked)
 
     @property
     def certified_error(self) -> npt.NDArray[np.float64]:
@@ -80,4 +92,6 @@ def take_faces(mesh: MeshBatch, at: npt.NDArray[np.int64]) -> MeshBatch:
         pcurve_error=mesh.pcurve_error[at],
         status=mesh.status[at],
         reason=mesh.reason[at],
+        normal_error=mesh.normal_error[at] if len(mesh.normal_error) else NOT_ASKED,
+        appearance_error=mesh.appearance_error[at] if len(mesh.appearance_error) else NOT_ASKED,
     )

@@ -76,7 +76,7 @@ def _flip_to_fit(
 
 
 @leaf
-def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float) -> None:
+def local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float) -> None:
     """Let the in-circle test see lengths as the error does here, flat directions as long as the face."""
     root = c.box[0]
     t.scale[0] = f.du * max(math.sqrt(m[0] / (8.0 * target)), 1.0 / (root[1] - root[0]))
@@ -84,7 +84,7 @@ def _local_metric(t: Triangulation, c: Cells, f: Frame, m: Floats, target: float
 
 
 @leaf
-def _longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, float, int, float]:
+def longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, float, int, float]:
     """The longest free and the longest boundary edge of triangle k, each with its length as the error sees it."""
     longest_free = -1.0
     longest_fixed = -1.0
@@ -101,7 +101,7 @@ def _longest_edges(t: Triangulation, f: Frame, k: int, m: Floats) -> tuple[int, 
 
 
 @leaf
-def _break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
+def break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
     """Insert a point on edge ``free`` of triangle k, or, if that is -1, between ``fixed`` and the corner opposite."""
     p = t.n[N_POINTS]
     if p >= len(t.points):
@@ -146,7 +146,7 @@ def parts_needed(excess: float) -> int:
 
 
 @leaf
-def _blame(t: Triangulation, k: int, i: int, excess: float, blame: Ints) -> None:
+def blame_edge(t: Triangulation, k: int, i: int, excess: float, blame: Ints) -> None:
     """Note a boundary edge, i of k, whose bound is ``excess`` times the target: its ends, the parts it needs.
 
     ``blame[0]`` counts them.
@@ -182,20 +182,20 @@ def certify(
             bound = face_bound(g, p, row, c, f, t, k, check, target)
             if bound > target:
                 before = t.n[N_POINTS]
-                _local_metric(t, c, f, check.second, target)
-                free, q_free, fixed, q_fixed = _longest_edges(t, f, k, check.second)
+                local_metric(t, c, f, check.second, target)
+                free, q_free, fixed, q_fixed = longest_edges(t, f, k, check.second)
                 alone = edge_bound(g, p, row, c, f, t, k, fixed, check, target) if q_fixed > target else 0.0
                 if alone > target:
                     ends = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3]
                     if can_shrink(g, p, row, c, f, t, ends[0], ends[1], check, target):
-                        _blame(t, k, fixed, alone / target, blame)
+                        blame_edge(t, k, fixed, alone / target, blame)
                         code = LONG_EDGE
                 elif _hopeless(g, p, row, c, f, t, k, target, check):
                     # It stays with the bound it has.
                     pass
                 elif _flip_to_fit(g, p, row, c, f, t, k, target, check):
                     again, bound = True, 0.0
-                elif _break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
+                elif break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
                     return FULL, worst
                 if t.n[N_POINTS] > before:
                     again, bound = True, 0.0

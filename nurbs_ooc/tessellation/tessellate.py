@@ -12,15 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.jit import kernel, leaf
+from nurbs_cache.jit import helper, kernel
 from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.strips import PiecesByError
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import Tables, tables
+from nurbs_ooc.tessellation.appearance import Appearance, kernel_aim
 from nurbs_ooc.tessellation.assemble import Chunk, assemble
 from nurbs_ooc.tessellation.beside_edges import BesideEdgesByError
+from nurbs_ooc.tessellation.crease_samples import with_crease_samples
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
@@ -41,6 +43,7 @@ from nurbs_ooc.tessellation.face import (
 )
 from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.shading import ANGLE, APPEARANCE, Aim
 from nurbs_ooc.tessellation.workers import chunk_runner
 from nurbs_ooc.tessellation.workspace import Workspace, larger, new_workspace
 
@@ -60,16 +63,17 @@ NO_TRIANGLES = int(FaceReason.NO_TRIANGLES)
 SMALLEST_ERROR = 2.0**-46
 
 
-@leaf
+@helper
 def _finish_face(
-    g: Tables, p: Pieces, row: int, w: Workspace, d: Draft, o: Output, codes: Ints, errors: Floats
+    g: Tables, p: Pieces, row: int, w: Workspace, d: Draft, o: Output, codes: Ints, errors: Floats, apart: bool
 ) -> bool:
-    """Append the face in the workspace to ``o``, with its codes (3,) and errors (3,); False if there is no room."""
+    """Append the face in the workspace to ``o``, with its codes (3,) and errors (5,); False if there is no room."""
     first, drawn = o.n[0], o.n[1]
     points = d.code[REASON] == BOX_AS_POINTS
-    if not (emit_points(w, o) if points else emit_face(g, p, row, w, o)):
+    if not (emit_points(w, o) if points else emit_face(g, p, row, w, apart, o)):
         return False
     errors[0], errors[1], errors[2] = d.error[WORST], d.error[TRIM] + d.error[EXTRA], d.error[GAP]
+    errors[3], errors[4] = d.found[ANGLE], d.found[APPEARANCE]
     if not points and o.n[1] == drawn and codes[1] < DEGRADED:
         # Every triangle has two corners in one place: its points alone stand for it.
         codes[1], codes[2] = DEGRADED, NO_TRIANGLES
@@ -77,10 +81,10 @@ def _finish_face(
     return True
 
 
-@leaf
+@helper
 def _face_after_face(
     g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, start: int, error: float, final: bool, wanted: Ints,
-    w: Workspace, d: Draft, o: Output, ends: Ints, codes: Ints, errors: Floats, drafted: bool,
+    w: Workspace, d: Draft, o: Output, ends: Ints, codes: Ints, errors: Floats, drafted: bool, aim: Aim | None,
 ) -> tuple[int, int]:  # fmt: skip
     """Tessellate faces[start:] until something is too small: how far it came, and NO_ROOM in ``w`` or NO_OUTPUT.
 
@@ -95,13 +99,14 @@ def _face_after_face(
             code = READY
             if not (drafted and i == start):
                 d.code[STATUS], d.code[REASON] = 0, 0
-                code = tessellate_face(g, p, samples, row, error, final, w, wanted, d)
+                d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
+                code = tessellate_face(g, p, samples, row, error, final, w, wanted, d, aim)
                 if code == NO_ROOM:
                     return i, NO_ROOM
                 codes[i, 0], codes[i, 1], codes[i, 2] = code, s.status, s.reason
                 if d.code[STATUS] > codes[i, 1]:
                     codes[i, 1], codes[i, 2] = d.code[STATUS], d.code[REASON]
-            if code == READY and not _finish_face(g, p, row, w, d, o, codes[i], errors[i]):
+            if code == READY and not _finish_face(g, p, row, w, d, o, codes[i], errors[i], aim is not None):
                 return i, NO_OUTPUT
         for k in range(3):
             ends[i, k] = o.n[k]
@@ -110,21 +115,21 @@ def _face_after_face(
 
 @kernel
 def _faces(
-    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints
+    g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints, aim: Aim | None
 ) -> tuple[Output, Ints, Ints, Floats]:
-    """Tessellate some faces: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 3)."""
+    """Tessellate some faces: arrays, end offsets (n, 3), codes (n, 3: code, status, reason), errors (n, 5)."""
     n = len(faces)
     o = new_output(FIRST_VERTICES * n)
     ends = np.zeros((n, 3), dtype=np.int64)
     codes = np.zeros((n, 3), dtype=np.int64)
-    errors = np.zeros((n, 3))
+    errors = np.zeros((n, 5))
     w = new_workspace(g)
-    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64))
+    d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64), np.zeros(2))
     done = 0
     drafted = False
     while done < n:
         done, lack = _face_after_face(
-            g, p, samples, faces, done, error, final, wanted, w, d, o, ends, codes, errors, drafted
+            g, p, samples, faces, done, error, final, wanted, w, d, o, ends, codes, errors, drafted, aim
         )
         drafted = lack == NO_OUTPUT
         if lack == NO_ROOM:
@@ -136,13 +141,13 @@ def _faces(
 
 def _run_faces(
     g: Tables, pieces: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints,
-    run: Callable[..., list[Any]],
+    aim: Aim | None, run: Callable[..., list[Any]],
 ) -> list[Chunk]:  # fmt: skip
     """All faces in chunks; ``wanted`` (n_samples,) becomes the largest of the threads' own."""
 
     def chunk(low: int, high: int) -> Any:
         own = np.zeros_like(wanted)
-        return _faces(g, pieces, samples, faces[low:high], error, final, own), own
+        return _faces(g, pieces, samples, faces[low:high], error, final, own, aim), own
 
     results = run(chunk, len(faces))
     for _, own in results:
@@ -191,6 +196,8 @@ class Tessellator:
         *,
         faces: npt.NDArray[np.int64] | None = None,
         present: npt.NDArray[np.int64] | None = None,
+        normal_error_deg: float | None = None,
+        appearance: Appearance | None = None,
         workers: int = 1,
     ) -> MeshBatch:
         """Triangulate faces so that each differs from its surface by at most ``chord_error``.
@@ -200,11 +207,16 @@ class Tessellator:
             faces: (n,) distinct rows to return, default all that are present.
             present: (m,) the rows that the part counts as consisting of, ``faces`` among them, default
                 all. The others have no say in how edges are sampled.
+            normal_error_deg, appearance: see ``tessellate``.
             workers: threads; the result does not depend on it.
 
         Returns:
             As ``tessellate``.
+
+        Raises:
+            UsageError: the normal error is not above 0 and at most a right angle.
         """
+        aim = kernel_aim(self._geometry, self._g, normal_error_deg, appearance)
         n = len(self._geometry)
         uses = self._uses if present is None else uses_of_faces(self._uses, _mask(present, n))
         wished = np.arange(n, dtype=np.int64) if present is None else np.asarray(present, np.int64)
@@ -217,18 +229,25 @@ class Tessellator:
             uses = uses_of_faces(uses, _mask(near, n))
         error = float(chord_error)
         approximation = self._geometry.surfaces["approximation_error"][wished]
-        return assemble(self._rounds(uses, rows, error, workers), wished, error, approximation)
+        rounds = self._rounds(uses, rows, error, aim, workers)
+        combined = aim is not None and aim.appearance > 0.0
+        return assemble(rounds, wished, error, approximation, aim is not None, combined)
 
-    def _rounds(self, uses: EdgeUses, rows: Ints, error: float, workers: int) -> list[tuple[Ints, list[Chunk]]]:
+    def _rounds(
+        self, uses: EdgeUses, rows: Ints, error: float, aim: Aim | None, workers: int
+    ) -> list[tuple[Ints, list[Chunk]]]:
         """The faces ``rows``, then again and again those that edges with more samples have changed."""
         g, run, run_edges = self._g, chunk_runner(workers), chunk_runner(workers, EDGE_CHUNK)
-        pieces = self._pieces.at(error)
+        # Strips between knots turn normals however thin they are: none is taken for a crease then.
+        pieces = self._pieces.at(error if aim is None else 0.0)
         near = self._beside.at(pieces, self._pieces.changing)
         samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
+        if aim is not None:
+            samples = with_crease_samples(g, pieces, uses, samples, run_edges)
         rounds: list[tuple[Ints, list[Chunk]]] = []
         for turn in range(MAX_ROUNDS + 1):
             parts = np.zeros(len(samples.t), np.int64)
-            chunks = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, run)
+            chunks = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, aim, run)
             rounds.append((rows, chunks))
             if not parts.any() or turn == MAX_ROUNDS:
                 break
@@ -246,6 +265,7 @@ def tessellate(
     *,
     faces: npt.NDArray[np.int64] | None = None,
     normal_error_deg: float | None = None,
+    appearance: Appearance | None = None,
     workers: int = 1,
 ) -> MeshBatch:
     """Triangulate faces of a part so that each differs from its surface by at most ``chord_error``.
@@ -258,14 +278,16 @@ def tessellate(
             between p-curves, edges and surfaces add is reported in ``pcurve_error``, not refined.
         faces: (n,) distinct rows to return, default all. Their neighbours are done too, for they may
             ask for samples on a shared edge.
-        normal_error_deg: bound of the angle between interpolated and true normal, not yet kept.
+        normal_error_deg: degrees, in (0, 90]: bound of the angle between the normal interpolated from a
+            triangle's corners and the surface's at the interpolated parameters.
+        appearance: let shading count like distance, in one combined error.
         workers: threads; the result does not depend on it.
 
     Returns:
         One mesh; neighbouring faces have bit-identical positions along shared edges.
 
     Raises:
-        UsageError: the error is not positive or beyond float64.
+        UsageError: an error is not positive, beyond float64, or beyond a right angle.
     """
     if not (chord_error > 0.0 and np.isfinite(chord_error)):
         raise UsageError(f"chord error {chord_error} mm: must be finite and above 0")
@@ -275,6 +297,7 @@ def tessellate(
             f"chord error {chord_error} mm: below {smallest:.3g} mm, "
             f"the resolution of float64 coordinates of {smallest / SMALLEST_ERROR:.6g} mm"
         )
-    if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
-        raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    return Tessellator(geometry, workers).mesh(chord_error, faces=faces, workers=workers)
+    tessellator = Tessellator(geometry, workers)
+    return tessellator.mesh(
+        chord_error, faces=faces, normal_error_deg=normal_error_deg, appearance=appearance, workers=workers
+    )
