@@ -65,7 +65,8 @@ def measure_mesh(
     broken = {v.row for v in report.violations if v.kind in ("surface to mesh", "mesh to surface")}
     return Measured(
         largest=report.measured, mean=report.surface_to_mesh_mean, certified=promised,
-        normal_largest=float(seen.largest.max(initial=0.0)), normal_mean=seen.mean, n_samples=report.n_samples, violations=len(broken) if certified else 0,
+        normal_largest=float(seen.largest.max(initial=0.0)), normal_mean=seen.mean,
+        n_samples=report.n_samples, violations=len(broken) if certified else 0,
         lost=int((np.diff(mesh.triangle_start) == 0).sum()),
     )  # fmt: skip
 
