@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.measure.attack_mesh import AttackReport, attack_mesh
-from nurbs_ooc.measure.exact_surface import normals
-from nurbs_ooc.measure.mesh_sampler import sample_triangles
-from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.measure.attack_normals import attack_normals
+from nurbs_ooc.tessellation.mesh import NOT_ASKED, MeshBatch
 
 FIRST_GUESS = 30.0  # times what was asked for: a mesh without a promise is hardly ever further off
 ROOM = 1.5  # over what the first look found, for the second
@@ -62,11 +61,12 @@ def measure_mesh(
     else:
         report = _unpromised(geometry, mesh, requested, samples, seed)
         promised = np.full(n, np.nan)
-    largest_deg, mean_deg = _normal_errors(geometry, mesh, samples, seed)
+    seen = attack_normals(geometry, replace(mesh, normal_error=NOT_ASKED), samples, seed)
     broken = {v.row for v in report.violations if v.kind in ("surface to mesh", "mesh to surface")}
     return Measured(
-        largest=report.measured, mean=report.surface_to_mesh_mean, certified=promised, normal_largest=largest_deg,
-        normal_mean=mean_deg, n_samples=report.n_samples, violations=len(broken) if certified else 0,
+        largest=report.measured, mean=report.surface_to_mesh_mean, certified=promised,
+        normal_largest=float(seen.largest.max(initial=0.0)), normal_mean=seen.mean,
+        n_samples=report.n_samples, violations=len(broken) if certified else 0,
         lost=int((np.diff(mesh.triangle_start) == 0).sum()),
     )  # fmt: skip
 
@@ -88,22 +88,3 @@ def _unpromised(geometry: GeometryBatch, mesh: MeshBatch, requested: float, samp
             geometry, replace(mesh, surface_error=guess, trim_error=zero, pcurve_error=zero), samples, seed
         )
     return report
-
-
-def _normal_errors(geometry: GeometryBatch, mesh: MeshBatch, samples: int, seed: int) -> tuple[float, float]:
-    """Largest and mean angle between interpolated and exact normals inside the triangles."""
-    corner = mesh.positions[mesh.triangles]
-    areas = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    rng = np.random.default_rng([seed, 0x0A31])
-    face, triangle, weight = sample_triangles(areas, mesh.triangle_start, samples, rng)
-    if not len(face):
-        return 0.0, 0.0
-    rows = mesh.triangles[triangle]
-    uv = np.einsum("nk,nki->ni", weight, mesh.parameters[rows])
-    drawn = np.einsum("nk,nki->ni", weight, mesh.normals[rows])
-    exact = normals(geometry, mesh.faces[face], uv)
-    length = np.linalg.norm(drawn, axis=1)
-    known = (np.linalg.norm(exact, axis=1) > 0.0) & (length > 0.0)
-    chord = np.linalg.norm(drawn[known] / length[known][:, None] - exact[known], axis=1)
-    angle = np.degrees(2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0)))
-    return float(angle.max(initial=0.0)), float(angle.mean()) if len(angle) else 0.0

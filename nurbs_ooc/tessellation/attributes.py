@@ -28,6 +28,7 @@ Attribute = AttributeFunction | Mapping[int, SurfaceForm]
 GRIDS = (9, 17, 33)  # nodes each way, the fewest that do
 MISSED = 1e-2  # of an attribute's range on its surface, between nodes
 INSET = 1e-4  # of the domain: functions are not asked for at its border itself, where poles are
+CONSTANT = 1e-2
 STEP = 1e-5  # of the domain: differences of normals
 
 
@@ -56,17 +57,22 @@ def mean_curvature(geometry: GeometryBatch, row: int, uv: Floats) -> Floats:
 def attribute_tables(geometry: GeometryBatch, attribute: Attribute) -> tuple[Tables, float]:
     """Tables whose surface i holds the attribute of the part's surface i, 0 where none is given; its range.
 
+    A range of less than CONSTANT of its largest value is noise of a constant, and counts as that much.
+
     Raises:
         UsageError: values that are not finite or of another shape, a B-spline that does not cover its surface.
     """
     builder = BatchBuilder()
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    largest = 0.0
     for row in range(len(geometry)):
         form = _form_of(geometry, row, attribute)
         builder.surface(form)
         values = form.points[..., :3] / form.points[..., 3:] if form.rational else form.points
+        largest = max(largest, float(np.abs(values).max()))
         low, high = np.minimum(low, values.min(axis=(0, 1))), np.maximum(high, values.max(axis=(0, 1)))
-    return tables(builder.build()), float(np.linalg.norm(high - low)) if len(geometry) else 0.0
+    spread = float(np.linalg.norm(high - low)) if len(geometry) else 0.0
+    return tables(builder.build()), max(spread, CONSTANT * largest)
 
 
 def _form_of(geometry: GeometryBatch, row: int, attribute: Attribute) -> SurfaceForm:
