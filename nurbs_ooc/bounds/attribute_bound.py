@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.derivatives import BOXES, second_bounds
-from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
+from nurbs_ooc.bounds.triangle_bound import box_radii, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.bspline import find_span
 from nurbs_ooc.geometry.tables import Tables
@@ -72,4 +72,5 @@ def attribute_bound(g: Tables, row: int, uv: Floats, m: Floats) -> float:
             low_v = high_v
         low_u = high_u
     x0, y0, x1, y1, x2, y2 = uv[0, 0], uv[0, 1], uv[1, 0], uv[1, 1], uv[2, 0], uv[2, 1]
+    box_radii(m)
     return min(norm_bound(m, x0, y0, x1, y1, x2, y2, 0.0, 0.0), vector_bound(m, x0, y0, x1, y1, x2, y2, 0.0, 0.0))

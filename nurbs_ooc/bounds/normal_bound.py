@@ -42,7 +42,7 @@ from nurbs_ooc.bounds.slope_field import no_slopes, unite_slopes
 from nurbs_ooc.bounds.spline_slopes import AT_U0, AT_U1, AT_V0, AT_V1, spline_slopes
 from nurbs_ooc.bounds.swept_field import swept_field
 from nurbs_ooc.bounds.tagged_slopes import turned_slopes
-from nurbs_ooc.bounds.triangle_bound import norm_bound, vector_bound
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, norm_bound, vector_bound
 from nurbs_ooc.geometry.surface import (
     CONE,
     CYLINDER,
@@ -76,8 +76,8 @@ SHRINKINGS = 6
 SLIVER = 0.125
 # Numbers of what a bound rests on: second derivatives' norms, then boxes as ``triangle_bound`` wants them, and the
 # part of the bound that no smaller triangle is free of.
-NOISE = 21
-SIZE = 22
+NOISE = MEASURES
+SIZE = MEASURES + 1
 
 
 @leaf
@@ -430,6 +430,7 @@ def normal_bound(
     if not more < math.inf:
         return math.inf
     _fill_second(field, a, b, m)
+    box_radii(m)
     x0, y0, x1, y1, x2, y2 = uv[0, 0], uv[0, 1], uv[1, 0], uv[1, 1], uv[2, 0], uv[2, 1]
     linear = min(norm_bound(m, x0, y0, x1, y1, x2, y2, 0.0, 0.0), vector_bound(m, x0, y0, x1, y1, x2, y2, 0.0, 0.0))
     beside = 0.0

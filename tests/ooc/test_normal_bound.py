@@ -12,8 +12,9 @@ import pytest
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import GeometryBatch, SurfaceKind
 from nurbs_ooc.bounds.normal_bound import SIZE, normal_bound, turn_of_circle
-from nurbs_ooc.bounds.pieces import Pieces, surface_pieces
+from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.spline_slopes import pole_sides
+from nurbs_ooc.bounds.strips import surface_pieces
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import CurveForm, SurfaceForm
 from nurbs_ooc.geometry.sample_faces import add_face, uniform_knots
