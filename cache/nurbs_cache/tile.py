@@ -285,12 +285,14 @@ def _checked(
 def _assemble(head: _Head, position_bits: int, streams: list[tuple[int, int, Bytes]], codec: str) -> bytes:
     """Header, entries, coded streams and checksum; empty streams are left out."""
     entries, bodies = [], []
+    length = _MIN_BYTES
     for number, planes, stream in streams:
-        if stream.size:
+        size = stream.size
+        if size:
             coder, body = encode_stream(stream.reshape(-1), codec)
-            entries.append(_ENTRY.pack(number, coder, planes, 0, stream.size, len(body)))
+            entries.append(_ENTRY.pack(number, coder, planes, 0, size, len(body)))
             bodies.append(body)
-    length = _MIN_BYTES + _ENTRY.size * len(entries) + sum(map(len, bodies))
+            length += _ENTRY.size + len(body)
     packed = _HEAD.pack(
         MAGIC, VERSION, position_bits, head.normal_bits, head.grid.exponent, len(entries), 0,
         head.n_vertices, head.n_triangles, head.n_lines, head.n_points, length,
@@ -328,10 +330,8 @@ def _streams(view: memoryview, n_streams: int) -> dict[int, _Stream]:
     start = _HEAD.size + n_streams * _ENTRY.size
     end = len(view) - _CRC.size
     streams: dict[int, _Stream] = {}
-    for i in range(n_streams):
-        if start > end:
-            break
-        number, coder, planes, _, length, stored = _ENTRY.unpack_from(view, _HEAD.size + i * _ENTRY.size)
+    entries = _ENTRY.iter_unpack(view[_HEAD.size : start]) if start <= end else ()
+    for number, coder, planes, _, length, stored in entries:
         streams[number] = _Stream(coder, planes, length, view[start : start + stored])
         start += stored
     if start != end or len(streams) != n_streams:
