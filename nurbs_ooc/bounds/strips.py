@@ -58,13 +58,16 @@ class PiecesByError:
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
+
+    Attributes:
+        changing: (n_surfaces,) bool, those whose pieces depend on the error.
     """
 
     def __init__(self, g: Tables) -> None:
         self._plain = plain_pieces(g)
-        found = np.zeros(len(g.surfaces), np.bool_)
-        _find_strips(g, self._plain, found)
-        self._rows = np.flatnonzero(found)
+        self.changing = np.zeros(len(g.surfaces), np.bool_)
+        _find_strips(g, self._plain, self.changing)
+        self._rows = np.flatnonzero(self.changing)
         copies = {name: getattr(self._plain, name).copy() for name in ("table", "breaks", "bounds", "boxes")}
         self._marked = self._plain._replace(**copies) if len(self._rows) else self._plain
 

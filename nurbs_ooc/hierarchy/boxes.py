@@ -75,22 +75,24 @@ def _face_boxes(
     start: npt.NDArray[np.int64],
     points: npt.NDArray[np.float64],
     error: npt.NDArray[np.float64],
-    transform: npt.NDArray[np.float64],
-    stretch: float,
+    transforms: npt.NDArray[np.float64],
+    stretch: npt.NDArray[np.float64],
     boxes: npt.NDArray[np.float64],
 ) -> None:
-    """Boxes (n, 6) of the transformed points, extended by the transformed error."""
-    for face in range(len(start) - 1):
-        boxes[face, :3], boxes[face, 3:] = np.inf, -np.inf
-        for i in range(start[face], start[face + 1]):
+    """Boxes (m, n, 6) of the points under each of m transforms, extended by the transformed error."""
+    for placed in range(len(transforms)):
+        transform = transforms[placed]
+        for face in range(len(start) - 1):
+            box = boxes[placed, face]
             for axis in range(3):
-                x = transform[axis, 3]
-                for k in range(3):
-                    x += transform[axis, k] * points[i, k]
-                boxes[face, axis] = min(boxes[face, axis], x)
-                boxes[face, 3 + axis] = max(boxes[face, 3 + axis], x)
-        boxes[face, :3] -= stretch * error[face]
-        boxes[face, 3:] += stretch * error[face]
+                low, high = np.inf, -np.inf
+                for i in range(start[face], start[face + 1]):
+                    x = transform[axis, 3]
+                    for k in range(3):
+                        x += transform[axis, k] * points[i, k]
+                    low, high = min(low, x), max(high, x)
+                box[axis] = low - stretch[placed] * error[face]
+                box[3 + axis] = high + stretch[placed] * error[face]
 
 
 @kernel
@@ -103,21 +105,29 @@ def _average_normals(
     out: npt.NDArray[np.float64],
 ) -> None:
     """Mean of the triangles' normals weighted by area; the first vertex normal where they cancel out."""
+    sums = np.empty(3)
     for face in range(len(out)):
-        out[face] = 0.0
+        sums[0], sums[1], sums[2] = 0.0, 0.0, 0.0
         total = 0.0
         for t in range(triangle_start[face], triangle_start[face + 1]):
-            a, b, c = triangles[t]
-            cross = np.cross(positions[b] - positions[a], positions[c] - positions[a])
-            out[face] += cross
-            total += np.sqrt((cross**2).sum())
-        length = np.sqrt((out[face] ** 2).sum())
-        if length > 1e-6 * total:
-            out[face] /= length
-        elif vertex_start[face] < vertex_start[face + 1]:
-            out[face] = normals[vertex_start[face]]
-        else:
-            out[face] = np.array([0.0, 0.0, 1.0])
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            size = 0.0
+            for k in range(3):
+                i, j = (k + 1) % 3, (k + 2) % 3
+                cross = (positions[b, i] - positions[a, i]) * (positions[c, j] - positions[a, j]) - (
+                    positions[b, j] - positions[a, j]
+                ) * (positions[c, i] - positions[a, i])
+                sums[k] += cross
+                size += cross * cross
+            total += np.sqrt(size)
+        length = np.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
+        for k in range(3):
+            if length > 1e-6 * total:
+                out[face, k] = sums[k] / length
+            elif vertex_start[face] < vertex_start[face + 1]:
+                out[face, k] = normals[vertex_start[face], k]
+            else:
+                out[face, k] = 1.0 if k == 2 else 0.0
 
 
 def _levels_for(diagonal: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
@@ -128,8 +138,9 @@ def _levels_for(diagonal: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
 
 def _diagonals(mesh: MeshBatch) -> npt.NDArray[np.float64]:
     """(n,) diagonal of the extended boxes, 0 for faces without vertices."""
-    boxes = np.empty((len(mesh.faces), 6))
-    _face_boxes(mesh.vertex_start, mesh.positions, mesh.certified_error, np.eye(3, 4), 1.0, boxes)
+    placed = np.empty((1, len(mesh.faces), 6))
+    _face_boxes(mesh.vertex_start, mesh.positions, mesh.certified_error, np.eye(3, 4)[None], np.ones(1), placed)
+    boxes = placed[0]
     filled = boxes[:, 0] <= boxes[:, 3]
     return np.where(filled, np.linalg.norm(np.where(filled[:, None], boxes[:, 3:] - boxes[:, :3], 0.0), axis=1), 0.0)
 
@@ -197,8 +208,7 @@ def placed_items(
     placements = Placements.of_transforms(transforms)
     rows, m = np.flatnonzero(sketch.drawable), len(occurrences)
     boxes = np.empty((m, len(sketch.error), 6))
-    for box, transform, stretch in zip(boxes, placements.points, placements.stretch, strict=True):
-        _face_boxes(sketch.point_start, sketch.points, sketch.error, transform, float(stretch), box)
+    _face_boxes(sketch.point_start, sketch.points, sketch.error, placements.points, placements.stretch, boxes)
     normals = sketch.normal[rows] @ np.swapaxes(placements.normals, 1, 2)
     items = np.zeros((m, len(rows)), ITEM_DTYPE)
     items["surface"], items["occurrence"], items["node"] = first_surface + rows, np.asarray(occurrences)[:, None], -1

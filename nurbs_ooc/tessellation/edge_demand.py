@@ -18,14 +18,15 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_cache.surface_record import POLE
-from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, HIGH, LOW, SIZE, curve_bounds
+from nurbs_ooc.bounds.curve_bounds import D1_X, D2, D2_X, SIZE, curve_bounds
 from nurbs_ooc.bounds.curve_pieces import CurvePieces, piece_at
 from nurbs_ooc.bounds.derivatives import LU, LV, MUU, MUV, MVV
-from nurbs_ooc.bounds.pieces import Pieces, box_bounds
+from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.curve import NURBS
 from nurbs_ooc.geometry.surface import CONE, PLANE, REVOLUTION, SPHERE, TORUS
 from nurbs_ooc.geometry.surface import NURBS as NURBS_SURFACE
 from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.beside_edges import BesideEdges, bounds_beside
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
 
 Floats = npt.NDArray[np.float64]
@@ -111,14 +112,18 @@ def _sort_breaks(breaks: Floats, forced: Flags, n: int) -> int:
 
 
 @leaf
-def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool, out: Floats) -> None:
-    """Bounds of curve ``row`` over [a, b]: its own if ``exact``, else those of the whole piece around."""
+def _bounds(g: Tables, c: CurvePieces, row: int, a: float, b: float, exact: bool, out: Floats) -> int:
+    """Bounds of curve ``row`` over [a, b]: its own if ``exact``, else those of the whole piece around.
+
+    Returns the number of that piece among those of the curve.
+    """
     if exact:
         curve_bounds(g, row, a, b, out)
-    else:
-        k = piece_at(c, row, 0.5 * (a + b))
-        for i in range(SIZE):
-            out[i] = c.bounds[k, i]
+        return 0
+    k = piece_at(c, row, 0.5 * (a + b))
+    for i in range(SIZE):
+        out[i] = c.bounds[k, i]
+    return int(k - c.first[row])
 
 
 @leaf
@@ -138,8 +143,8 @@ def _turned_mixed(g: Tables, row: int, bounds: Floats) -> float:
 
 @leaf
 def _demand(
-    g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, a: float, b: float, error: float, exact: bool,
-    d: Demand,
+    g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, e: int, a: float, b: float,
+    error: float, exact: bool, d: Demand,
 ) -> tuple[float, float]:  # fmt: skip
     """Largest second-derivative demand on [a, b] in units of the error, and that of the surfaces' own bending.
 
@@ -147,7 +152,7 @@ def _demand(
     """
     edge = g.edges[e]
     part = local_line(SIZE)
-    bounds = local_line(5)
+    anew = local_line(5)
     worst = 0.0
     largest_bend = 0.0
     if edge.curve >= 0:
@@ -164,16 +169,12 @@ def _demand(
         curve = g.curves[coedge.pcurve]
         scale = (curve.t1 - curve.t0) / (edge.t1 - edge.t0)
         low, high = curve.t0 + (a - edge.t0) * scale, curve.t0 + (b - edge.t0) * scale
-        _bounds(g, c, coedge.pcurve, low, high, exact, part)
+        piece = _bounds(g, c, coedge.pcurve, low, high, exact, part)
         square = scale * scale
-        u0, u1, v0, v1 = part[LOW], part[HIGH], part[LOW + 1], part[HIGH + 1]
-        if edge.curve == POLE:
-            # A pole has no length: let the columns of the whole face decide.
-            u0, u1, v0, v1 = s.u0, s.u1, s.v0, s.v1
-        # An end at a knot does not look beyond it because of roundoff.
-        hair_u = min(SAME_BREAK * (s.u1 - s.u0), 0.5 * (u1 - u0))
-        hair_v = min(SAME_BREAK * (s.v1 - s.v0), 0.5 * (v1 - v0))
-        box_bounds(g, p, row, u0 + hair_u, u1 - hair_u, v0 + hair_v, v1 - hair_v, bounds)
+        bounds = near.bounds[near.first[uses.coedge[use]] + piece]
+        if exact:
+            bounds = anew
+            bounds_beside(g, p, row, edge.curve == POLE, part, bounds)
         du, dv = part[D1_X], part[D1_X + 1]
         if edge.curve != POLE:
             if s.kind == PLANE and abs(bounds[LU] - bounds[LV]) <= 1e-9 * bounds[LU]:
@@ -247,8 +248,8 @@ def _append(d: Demand, at: int, start: float, fixed: int, demand: float, bend: f
 
 @leaf
 def _divide(
-    g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, start: float, end: float, error: float, fixed: int,
-    whole: float, bend: float, d: Demand, at: int,
+    g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, e: int, start: float, end: float,
+    error: float, fixed: int, whole: float, bend: float, d: Demand, at: int,
 ) -> int:  # fmt: skip
     """Append a knot interval in halves of halves, as long as they hold several samples and halving pays.
 
@@ -265,7 +266,7 @@ def _divide(
         a = start + (end - start) * index / parts
         b = start + (end - start) * (index + 1) / parts
         if depth > 0:
-            own, own_bend = _demand(g, p, c, uses, e, a, b, error, True, d)
+            own, own_bend = _demand(g, p, c, near, uses, e, a, b, error, True, d)
             demands[depth], bends[depth] = min(own, demands[depth - 1]), min(own_bend, bends[depth - 1])
         expected = math.sqrt(demands[depth] / 8.0) * (b - a)
         pays = depth == 0 or demands[depth] < PAYS * demands[depth - 1] or expected > MANY
@@ -283,7 +284,9 @@ def _divide(
 
 
 @leaf
-def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, error: float, d: Demand) -> int:
+def edge_demand(
+    g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, e: int, error: float, d: Demand
+) -> int:
     """Fill ``d`` for edge ``e`` and an error in mm; returns the number of intervals, refined where uneven.
 
     ``d`` has room for MAX_PARTS times ``break_room`` intervals.
@@ -300,11 +303,11 @@ def edge_demand(g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, e: int, er
     even = _even(g, uses, e)
     at = 0
     for k in range(n - 1):
-        whole, bend = _demand(g, p, c, uses, e, d.knots[k], d.knots[k + 1], error, False, d)
+        whole, bend = _demand(g, p, c, near, uses, e, d.knots[k], d.knots[k + 1], error, False, d)
         if even:
             at = _append(d, at, d.knots[k], d.full[k], whole, bend)
         else:
-            at = _divide(g, p, c, uses, e, d.knots[k], d.knots[k + 1], error, d.full[k], whole, bend, d, at)
+            at = _divide(g, p, c, near, uses, e, d.knots[k], d.knots[k + 1], error, d.full[k], whole, bend, d, at)
     d.breaks[at] = d.knots[n - 1]
     d.fixed[at] = 1
     return at

@@ -32,6 +32,7 @@ from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.curve import ELLIPSE, curve_point
 from nurbs_ooc.geometry.surface import surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.tessellation.beside_edges import BesideEdges
 from nurbs_ooc.tessellation.edge_demand import MAX_PARTS, MAX_USES, Demand, break_room, edge_demand
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
 
@@ -216,8 +217,9 @@ def _room_for(intervals: int) -> Demand:
 
 @kernel
 def _sample_edges(
-    g: Tables, p: Pieces, c: CurvePieces, uses: EdgeUses, low: int, high: int, error: float, trim: Floats
-) -> tuple[Ints, Floats]:
+    g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, low: int, high: int, error: float,
+    trim: Floats,
+) -> tuple[Ints, Floats]:  # fmt: skip
     """Samples of edges low..high - 1: how many each, and all parameters one after the other."""
     room = 64
     for e in range(low, high):
@@ -230,7 +232,7 @@ def _sample_edges(
     for e in range(low, high):
         if uses.first[e + 1] == uses.first[e]:
             continue
-        n = edge_demand(g, p, c, uses, e, error, d)
+        n = edge_demand(g, p, c, near, uses, e, error, d)
         expected = 8.0
         for k in range(n):
             expected += math.sqrt(d.demand[k] / 8.0) * (d.breaks[k + 1] - d.breaks[k]) + 8.0
@@ -285,14 +287,16 @@ def _with_positions(
 
 
 def sample_edges(
-    g: Tables, pieces: Pieces, curves: CurvePieces, uses: EdgeUses, error: float, run: Callable[..., list[Any]]
-) -> EdgeSamples:
+    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float,
+    run: Callable[..., list[Any]],
+) -> EdgeSamples:  # fmt: skip
     """Sample all edges of a part so that chords and slivers stay within ``error``.
 
     Args:
         g: the part's tables.
         pieces: its Bézier pieces.
         curves: the pieces of its curves.
+        near: what its surfaces do along them.
         uses: its coedges by edge.
         error: mm.
         run: maps a kernel over ranges of edges, in order (see ``workers``).
@@ -301,7 +305,8 @@ def sample_edges(
         The samples, the same for any split of the work.
     """
     trim = np.zeros(len(g.coedges))
-    results = run(lambda low, high: _sample_edges(g, pieces, curves, uses, low, high, error * AIM, trim), len(g.edges))
+    aim = error * AIM
+    results = run(lambda low, high: _sample_edges(g, pieces, curves, near, uses, low, high, aim, trim), len(g.edges))
     counts = np.concatenate([r[0] for r in results]) if results else np.zeros(0, np.int64)
     t = np.concatenate([r[1] for r in results]) if results else np.zeros(0)
     return _with_positions(g, uses, counts, t, trim, run)

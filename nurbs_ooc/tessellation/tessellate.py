@@ -20,6 +20,7 @@ from nurbs_ooc.bounds.strips import PiecesByError
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import Tables, tables
 from nurbs_ooc.tessellation.assemble import Chunk, assemble
+from nurbs_ooc.tessellation.beside_edges import BesideEdgesByError
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
 from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
@@ -181,6 +182,7 @@ class Tessellator:
         self._pieces = PiecesByError(self._g)
         self._curves = curve_pieces(self._g)
         self._uses = edge_uses(self._g)
+        self._beside = BesideEdgesByError(self._g, self._curves, self._uses.surface)
 
     def mesh(
         self,
@@ -220,7 +222,8 @@ class Tessellator:
         """The faces ``rows``, then again and again those that edges with more samples have changed."""
         g, run, run_edges = self._g, chunk_runner(workers), chunk_runner(workers, EDGE_CHUNK)
         pieces = self._pieces.at(error)
-        samples = sample_edges(g, pieces, self._curves, uses, error, run_edges)
+        near = self._beside.at(pieces, self._pieces.changing)
+        samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
         rounds: list[tuple[Ints, list[Chunk]]] = []
         for turn in range(MAX_ROUNDS + 1):
             parts = np.zeros(len(samples.t), np.int64)
