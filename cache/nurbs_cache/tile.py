@@ -202,7 +202,8 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
     if len(codes) != head.n_triangles:
         raise CorruptRecordError(f"tile: {len(codes)} triangle codes, its header says {head.n_triangles}")
     grid = head.grid
-    mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, grid.step, head.normal_bits)
+    step = grid.step
+    mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, step, head.normal_bits)
     lines = _numbers(streams.get(LINES, _ABSENT), 2 * head.n_lines, 0, n, "lines")
     points = _numbers(streams.get(POINTS, _ABSENT), head.n_points, 1, n, "points")
     origin = np.array(grid.origin)
@@ -214,9 +215,9 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
         lines=lines.reshape(-1, 2),
         points=points,
         ledger=head.ledger,
-        step=grid.step,
+        step=step,
         aabb_min=origin,
-        aabb_max=origin + np.array(grid.extent) * grid.step,
+        aabb_max=np.array([low + n * step for low, n in zip(grid.origin, grid.extent, strict=True)]),
         attributes={
             number - FIRST_ATTRIBUTE: decode_numbers(stream.decode(), n, 0, 1 << 32, "attributes")
             for number, stream in streams.items()
