@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import numpy.typing as npt
 import zstandard
+from zstandard import frame_content_size
 
 from nurbs_cache.errors import CorruptRecordError, UsageError
 from nurbs_cache.huffman import decode_huffman, encode_huffman
@@ -28,13 +29,14 @@ _local = threading.local()
 
 def _compressor() -> zstandard.ZstdCompressor:
     """This thread's compressor; they are not safe to share between threads."""
-    if not hasattr(_local, "compressor"):
+    try:
+        made: zstandard.ZstdCompressor = _local.compressor
+    except AttributeError:
         parameters = zstandard.ZstdCompressionParameters(
             strategy=zstandard.STRATEGY_FAST, min_match=_MIN_MATCH, hash_log=_HASH_LOG, window_log=_WINDOW_LOG,
             chain_log=_HASH_LOG, search_log=1, target_length=0, write_content_size=True, write_checksum=False,
         )  # fmt: skip
-        _local.compressor = zstandard.ZstdCompressor(compression_params=parameters)
-    made: zstandard.ZstdCompressor = _local.compressor
+        made = _local.compressor = zstandard.ZstdCompressor(compression_params=parameters)
     return made
 
 
@@ -55,15 +57,15 @@ def decode_stream(coded: memoryview, codec: int, length: int) -> Bytes:
     Raises:
         CorruptRecordError: unknown coder, or the stream does not decode to ``length`` bytes.
     """
-    if codec == PLAIN:
-        stream = np.frombuffer(coded, np.uint8)
-    elif codec == ZSTD:
+    if codec == ZSTD:
         try:
-            if zstandard.frame_content_size(coded) != length:
+            if frame_content_size(coded) != length:
                 raise CorruptRecordError(f"tile: a stream is not the {length} bytes that its entry says")
             stream = np.frombuffer(decompressor().decompress(coded), np.uint8)
         except zstandard.ZstdError as error:
             raise CorruptRecordError(f"tile: {error}") from error
+    elif codec == PLAIN:
+        stream = np.frombuffer(coded, np.uint8)
     elif codec == HUFFMAN:
         stream = decode_huffman(coded, length)
     else:

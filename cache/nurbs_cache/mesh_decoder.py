@@ -186,20 +186,22 @@ def _place(  # type: ignore[no-untyped-def]
         join_planes(position_low, position_high, k, 3, dp[k])
     for k in range(2):
         join_planes(normal_low, normal_high, k, 2, do[k])
-    p, o = np.empty((n, 3), np.int32), np.empty((2, n), np.int32)  # values
+    values, o = np.empty((n, 5), np.int32), np.empty((2, n), np.int32)  # all five side by side; normals apart
     scale = np.float32(step)
     mask = np.int32((1 << bits) - 1)
     outside = np.int32(0)  # its sign bit is set once a position is below 0 or above the extent
     for i in range(n):
         a, b, d = np.uint64(predictors[i, 0]), np.uint64(predictors[i, 1]), np.uint64(predictors[i, 2])
         for k in range(3):
-            guess = p[a, k] + p[b, k] - p[d, k] if i > 0 else np.int32(0)
+            guess = values[a, k] + values[b, k] - values[d, k] if i > 0 else np.int32(0)
             value = np.int32(min(max(guess, np.int32(0)), np.int32(extents[k])) + dp[k, i])
             outside |= value | (np.int32(extents[k]) - value)
-            p[i, k] = value
+            values[i, k] = value
             positions[i, k] = np.float32(value) * scale
         for k in range(2):
-            guess = o[k, a] + o[k, b] - o[k, d] if i > 0 else np.int32(0)
-            o[k, i] = np.int32(guess + do[k, i]) & mask
+            guess = values[a, 3 + k] + values[b, 3 + k] - values[d, 3 + k] if i > 0 else np.int32(0)
+            turned = np.int32(guess + do[k, i]) & mask
+            values[i, 3 + k] = turned
+            o[k, i] = turned
     to_unit_normals(o, bits, normals)
     return 0 if outside >= 0 else _BAD_POSITION

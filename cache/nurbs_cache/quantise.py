@@ -161,12 +161,12 @@ def _measure_box(positions, box):  # type: ignore[no-untyped-def]
         x0, x1 = min(x0, x), max(x1, x)
         y0, y1 = min(y0, y), max(y1, y)
         z0, z1 = min(z0, z), max(z1, z)
-        finite &= (abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)
-    if not finite:
+        finite &= (x == x) & (y == y) & (z == z)  # not NaN; what is infinite shows in the box
+    if not finite or not (x1 - x0 < np.inf and y1 - y0 < np.inf and z1 - z0 < np.inf):
         for i in range(positions.shape[0]):
             x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
             if not ((abs(x) < np.inf) & (abs(y) < np.inf) & (abs(z) < np.inf)):
-                return i
+                return i  # a box of finite numbers may still be too large to have a finite size
     box[0, 0], box[1, 0] = x0, x1
     box[0, 1], box[1, 1] = y0, y1
     box[0, 2], box[1, 2] = z0, z1

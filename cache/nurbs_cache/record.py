@@ -42,9 +42,10 @@ def compressor(level: int) -> zstandard.ZstdCompressor:
 
 def decompressor() -> zstandard.ZstdDecompressor:
     """This thread's decompressor."""
-    if not hasattr(_local, "decompressor"):
-        _local.decompressor = zstandard.ZstdDecompressor()
-    made: zstandard.ZstdDecompressor = _local.decompressor
+    try:
+        made: zstandard.ZstdDecompressor = _local.decompressor
+    except AttributeError:
+        made = _local.decompressor = zstandard.ZstdDecompressor()
     return made
 
 

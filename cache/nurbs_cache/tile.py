@@ -202,7 +202,8 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
     if len(codes) != head.n_triangles:
         raise CorruptRecordError(f"tile: {len(codes)} triangle codes, its header says {head.n_triangles}")
     grid = head.grid
-    mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, grid.step, head.normal_bits)
+    step = grid.step
+    mesh = decode_mesh(codes, extras, position_bytes, normal_bytes, n, grid.extent, step, head.normal_bits)
     lines = _numbers(streams.get(LINES, _ABSENT), 2 * head.n_lines, 0, n, "lines")
     points = _numbers(streams.get(POINTS, _ABSENT), head.n_points, 1, n, "points")
     origin = np.array(grid.origin)
@@ -214,9 +215,9 @@ def decode_tile(data: bytes | memoryview) -> DecodedTile:
         lines=lines.reshape(-1, 2),
         points=points,
         ledger=head.ledger,
-        step=grid.step,
+        step=step,
         aabb_min=origin,
-        aabb_max=origin + np.array(grid.extent) * grid.step,
+        aabb_max=np.array([low + n * step for low, n in zip(grid.origin, grid.extent, strict=True)]),
         attributes={
             number - FIRST_ATTRIBUTE: decode_numbers(stream.decode(), n, 0, 1 << 32, "attributes")
             for number, stream in streams.items()
@@ -285,12 +286,14 @@ def _checked(
 def _assemble(head: _Head, position_bits: int, streams: list[tuple[int, int, Bytes]], codec: str) -> bytes:
     """Header, entries, coded streams and checksum; empty streams are left out."""
     entries, bodies = [], []
+    length = _MIN_BYTES
     for number, planes, stream in streams:
-        if stream.size:
+        size = stream.size
+        if size:
             coder, body = encode_stream(stream.reshape(-1), codec)
-            entries.append(_ENTRY.pack(number, coder, planes, 0, stream.size, len(body)))
+            entries.append(_ENTRY.pack(number, coder, planes, 0, size, len(body)))
             bodies.append(body)
-    length = _MIN_BYTES + _ENTRY.size * len(entries) + sum(map(len, bodies))
+            length += _ENTRY.size + len(body)
     packed = _HEAD.pack(
         MAGIC, VERSION, position_bits, head.normal_bits, head.grid.exponent, len(entries), 0,
         head.n_vertices, head.n_triangles, head.n_lines, head.n_points, length,
@@ -328,10 +331,8 @@ def _streams(view: memoryview, n_streams: int) -> dict[int, _Stream]:
     start = _HEAD.size + n_streams * _ENTRY.size
     end = len(view) - _CRC.size
     streams: dict[int, _Stream] = {}
-    for i in range(n_streams):
-        if start > end:
-            break
-        number, coder, planes, _, length, stored = _ENTRY.unpack_from(view, _HEAD.size + i * _ENTRY.size)
+    entries = _ENTRY.iter_unpack(view[_HEAD.size : start]) if start <= end else ()
+    for number, coder, planes, _, length, stored in entries:
         streams[number] = _Stream(coder, planes, length, view[start : start + stored])
         start += stored
     if start != end or len(streams) != n_streams:

@@ -51,43 +51,41 @@ def walk_triangles(
 
 @helper
 def _adjacency(triangles, n_vertices):  # type: ignore[no-untyped-def]
-    """Corner 4 t + k of triangle t: its vertex, and the corners at each vertex, those of late triangles last.
+    """The edges that begin at each vertex, those of late triangles last: vertex at the end, vertex across, triangle.
 
-    The fourth place of a triangle repeats its first vertex: the edge from corner ``i`` ends at ``vertex[i + 1]``.
-    The corners at vertex v are ``corners[start[v] : start[v + 1]]``, their edges end at ``ends`` of the same range.
+    Those of vertex v are rows ``start[v]`` to ``start[v + 1]``; ``left`` counts them.
     """
     n = triangles.shape[0]
-    vertex = np.empty(4 * n, np.int32)
     left = np.zeros(n_vertices, np.int32)
     for t in range(n):
-        at = np.uint64(4 * t)
         for k in range(3):
-            vertex[at + np.uint64(k)] = triangles[t, k]
             left[np.uint64(triangles[t, k])] += 1
-        vertex[at + np.uint64(3)] = triangles[t, 0]
     start = np.empty(n_vertices + 2, np.int32)  # first one place late: the next loop moves it on
     start[0] = start[1] = 0
     for v in range(n_vertices):
         start[v + 2] = start[v + 1] + left[v]
-    ends, corners = np.empty(3 * n, np.int32), np.empty(3 * n, np.int32)
+    edges = np.empty((3 * n, 3), np.int32)
     for t in range(n):
-        for k in range(3):
-            corner = np.uint64(4 * t + k)
-            place = np.uint64(vertex[corner]) + np.uint64(1)
-            ends[np.uint64(start[place])] = vertex[corner + np.uint64(1)]
-            corners[np.uint64(start[place])] = corner
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        for _ in range(3):
+            place = np.uint64(a) + np.uint64(1)
+            at = np.uint64(start[place])
+            edges[at, 0] = b
+            edges[at, 1] = c
+            edges[at, 2] = t
             start[place] += 1
-    return vertex, left, start, ends, corners
+            a, b, c = b, c, a
+    return left, start, edges
 
 
 @leaf
-def _across(begin, end, start, ends, corners, done) -> int:  # type: ignore[no-untyped-def]
-    """Corner of the last triangle that is left whose edge runs from ``end`` to ``begin``, or -1."""
+def _twin(begin, end, start, edges, done) -> int:  # type: ignore[no-untyped-def]
+    """Row of the edge from ``end`` to ``begin`` of the last triangle that is left, or -1."""
     low, at = np.uint64(start[np.uint64(end)]), np.uint64(start[np.uint64(end) + np.uint64(1)])
     while at > low:
         at -= np.uint64(1)
-        if ends[at] == begin and not done[np.uint64(corners[at]) >> np.uint64(2)]:
-            return int(corners[at])
+        if edges[at, 0] == begin and not done[np.uint64(edges[at, 2])]:
+            return int(at)
     return -1
 
 
@@ -111,11 +109,10 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
     far: Any
     ring_head: Any
     at: Any
-    corner: Any
-    vertex, left, start, ends, corners = _adjacency(triangles, labels.shape[0])
+    left, start, edges = _adjacency(triangles, labels.shape[0])
     n_triangles = triangles.shape[0]
     done = np.zeros(n_triangles, np.bool_)
-    stack = np.empty((3 * n_triangles + 3, 2), np.int32)  # corner whose edge may be crossed; when it was reached
+    stack = np.empty((3 * n_triangles + 3, 4), np.int32)  # edges that may be crossed: ends, vertex across, when reached
     times = np.full(labels.shape[0], _LONG_AGO, np.int32)  # when a vertex, by its new number, entered the ring
     one = np.uint64(1)  # unsigned numbers need no check for counting from the end
     n_stack, n_done, n_used = np.uint64(0), np.uint64(0), np.uint64(0)
@@ -124,15 +121,13 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
     for first in range(n_triangles):
         if done[first]:
             continue
-        corner = np.int64(4 * first)
+        t = np.uint64(first)
+        a, b, c = np.int32(triangles[t, 0]), np.int32(triangles[t, 1]), np.int32(triangles[t, 2])
         slot = np.int64(NO_EDGE)
         across = np.int32(0)
-        while corner >= 0:
-            turn = corner & 3
-            i_b = corner + 1 if turn < 2 else corner - 2
-            i_c = corner + 2 if turn < 1 else corner - 1
-            a, b, c = vertex[np.uint64(corner)], vertex[np.uint64(i_b)], vertex[np.uint64(i_c)]
-            done[np.uint64(corner >> 2)] = True
+        going_on = True
+        while going_on:
+            done[t] = True
             left[np.uint64(a)] -= 1
             left[np.uint64(b)] -= 1
             left[np.uint64(c)] -= 1
@@ -174,27 +169,30 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                     before = here
                 codes[n_done] = np.uint8(NO_EDGE << 4 | three >> 8)
                 extras[pair_at] = np.uint8(three & 255)
-                stack[n_stack, 0] = corner
-                stack[n_stack, 1] = edge_head
+                stack[n_stack, 0], stack[n_stack, 1], stack[n_stack, 2] = a, b, c
+                stack[n_stack, 3] = edge_head
                 n_stack += one
                 edge_head += 1
             n_done += one
-            stack[n_stack, 0] = i_b
-            stack[n_stack, 1] = edge_head
-            stack[n_stack + one, 0] = i_c
-            stack[n_stack + one, 1] = edge_head + 1
-            n_stack += np.uint64(2)
+            stack[n_stack, 0], stack[n_stack, 1], stack[n_stack, 2] = b, c, a
+            stack[n_stack, 3] = edge_head
+            n_stack += one
+            stack[n_stack, 0], stack[n_stack, 1], stack[n_stack, 2] = c, a, b
+            stack[n_stack, 3] = edge_head + 1
+            n_stack += one
             edge_head += 2
             # cross the youngest edge that leads to a triangle that is left
-            corner = np.int64(-1)
-            while n_stack > 0 and corner < 0:
+            going_on = False
+            while n_stack > 0 and not going_on:
                 n_stack -= one
-                edge = np.uint64(stack[n_stack, 0])
-                begin, end = vertex[edge], vertex[edge + one]
+                begin, end = stack[n_stack, 0], stack[n_stack, 1]
                 if left[np.uint64(end)] == 0 or left[np.uint64(begin)] == 0:
                     continue
-                corner = _across(begin, end, start, ends, corners, done)
-                if corner >= 0:
-                    slot = min(np.int64(edge_head - 1 - stack[n_stack, 1]), np.int64(NO_EDGE))
-                    across = vertex[edge + np.uint64(2) if edge & np.uint64(3) < 1 else edge - one]
+                twin = _twin(begin, end, start, edges, done)
+                if twin >= 0:
+                    slot = min(np.int64(edge_head - 1 - stack[n_stack, 3]), np.int64(NO_EDGE))
+                    across = stack[n_stack, 2]
+                    a, b, c = end, begin, edges[np.uint64(twin), 1]
+                    t = np.uint64(edges[np.uint64(twin), 2])
+                    going_on = True
     return at, np.int64(n_used)

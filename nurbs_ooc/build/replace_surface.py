@@ -58,7 +58,7 @@ def replace_surface(store: TypedStore, surface_id: int, one: GeometryBatch) -> R
             raise UsageError(f"surface {surface_id}: is in no node, so that it has no place to be replaced in")
         items = _placed(forest, rows, sketch, surface_id)
         nodes = ancestors(forest.nodes, forest.items["node"][rows])
-        records = _refitted(forest, nodes, rows, items, float(store.tree_params()["edge_over_error"]))
+        records = _refitted(store, forest, nodes, rows, items, float(store.tree_params()["edge_over_error"]))
         store.put_edit(SurfaceEdit(surface_id, part, geometry, rows, items, nodes, records, _face(sketch, surface_id)))
         forest.replace(rows, items, nodes, records)
         note_edit(store, forest)
@@ -85,7 +85,7 @@ def _placed(forest: Forest, rows: Rows, sketch: PartSketch, surface_id: int) -> 
 
 
 def _refitted(
-    forest: Forest, nodes: Rows, rows: Rows, items: npt.NDArray[np.void], edge_over_error: float
+    store: TypedStore, forest: Forest, nodes: Rows, rows: Rows, items: npt.NDArray[np.void], edge_over_error: float
 ) -> npt.NDArray[np.void]:
     """Records of ``nodes`` (ascending, with all ancestors) once the items in ``rows`` are ``items``, without tiles."""
     records = forest.nodes[nodes].copy()
@@ -95,8 +95,9 @@ def _refitted(
         direct = forest.items[first : first + n_direct].copy()
         mine = (rows >= first) & (rows < first + n_direct)
         direct[rows[mine] - first] = items[mine]
-        children = range(int(record["first_child"]), int(record["first_child"]) + int(record["n_children"]))
-        _refit(record, direct, [changed.get(child, forest.nodes[child]) for child in children], edge_over_error)
+        child, n_children = int(record["first_child"]), int(record["n_children"])
+        stored = store.get_nodes(child, n_children)  # their errors may have changed since the forest was read
+        _refit(record, direct, [changed.get(child + i, stored[i]) for i in range(n_children)], edge_over_error)
     return records
 
 

@@ -15,7 +15,7 @@ from nurbs_cache.errors import MissingRecordError, UsageError
 from nurbs_cache.scene_record import DEFAULT_MATERIAL, OCCURRENCE_DTYPE, PartInfo, Product
 from nurbs_cache.store import Store
 from nurbs_cache.surface_record import GeometryBatch, SurfaceKind
-from nurbs_ooc.build import on_demand, rebuild_stale, replace_surface
+from nurbs_ooc.build import on_demand, rebuild_stale, replace_surface, tunables
 from nurbs_ooc.build.forest import Forest
 from nurbs_ooc.build.on_demand import build_node_tile, build_surface_lod
 from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
@@ -191,6 +191,22 @@ def test_nodes_that_never_had_a_tile_are_not_built(tmp_path: Path) -> None:
         assert len(marked) > len(store.stale_nodes())
         rebuild_stale.rebuild_stale(store)
         assert ((store.get_nodes()["tile_hash"] != b"") == (store.get_nodes()["parent"] < 0)).all()
+
+
+def test_errors_that_tiles_have_raised_since_are_not_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that was built on demand and is coarser than its budget, below one that an edit makes stale."""
+    monkeypatch.setattr(tunables, "PRIMITIVES_PER_NODE", 300)
+    source = write_scene(tmp_path / "scene.nurbs", n=2)
+    run_build(source, tmp_path / "cache", levels="root")
+    with Store.open(tmp_path / "cache", read_only=False) as store:
+        replace_surface.replace_surface(store, BALL, sphere(2.9))
+        for row in range(store.n_nodes()):
+            build_node_tile(store, row)
+        nodes = store.get_nodes()
+        assert (nodes["geometric_error"] > 1.1 * np.ldexp(1.0, nodes["level"])).any()
+        check_tree(store)
+        replace_surface.replace_surface(store, 0, sphere(5.0, (20.0, 20.0, 0.0)))
+        check_tree(store)
 
 
 def test_an_edit_while_a_tile_is_built_is_not_overwritten(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
