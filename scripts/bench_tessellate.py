@@ -49,6 +49,7 @@ MODELS = (
     "occt_linkrods.step.gz",
 )
 COARSEST = 20.0  # times the deflection: where theirs has lost its surface, ours is not made as bad
+CAR_BODY_MM = (5.0, 0.5, 0.1)
 ANGLE = 0.5  # rad, Open CASCADE's angular deflection: its usual default, it always applies one
 
 
@@ -286,6 +287,51 @@ def compare(path: Path, shares: list[float], runs: int, samples: int, seed: int)
         }
 
 
+def wall(call: Callable[[], Any], runs: int) -> float:
+    """Median wall seconds."""
+    taken = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        call()
+        taken.append(time.perf_counter() - start)
+    return statistics.median(taken)
+
+
+def car_body_rows(runs: int, samples: int, seed: int) -> Iterator[dict[str, Any]]:
+    """The synthetic car body: CPU seconds of one core, wall seconds of two threads beside one."""
+    from nurbs_ooc.synth.car_body import car_body
+    from nurbs_ooc.tessellation.tessellate import tessellate
+
+    geometry = car_body(seed)
+    for deflection in CAR_BODY_MM:
+        mesh = tessellate(geometry, deflection)
+        ours = statistics.median(timed(lambda d=deflection: tessellate(geometry, d))[1] for _ in range(2 * runs))
+        one, two = (wall(lambda d=deflection, w=w: tessellate(geometry, d, workers=w), 2 * runs) for w in (1, 2))
+        found = attack_ours([geometry], [mesh], deflection, samples, seed)
+        yield {
+            "deflection_mm": deflection,
+            "faces": len(geometry),
+            "triangles": len(mesh.triangles),
+            "faces_per_s": len(geometry) / ours,
+            "two_threads": one / two,
+            "error_over_deflection": found["error_mm"] / deflection,
+            "violations": found["violations"],
+            "samples": found["samples"],
+        }
+
+
+def car_body_line(row: dict[str, Any]) -> str:
+    """One row of the car body's table, in Markdown."""
+    cells = [f"{row['deflection_mm']:g}", row["faces"], row["triangles"], f"{row['faces_per_s']:.0f}"]
+    cells += [f"{row['two_threads']:.2f}×", f"{row['error_over_deflection']:.2f}", len(row["violations"])]
+    return "| " + " | ".join(str(c) for c in cells) + " |"
+
+
+CAR_BODY_HEAD = (
+    "| car body, deflection mm | faces | triangles | faces/s, one core | two threads beside one "
+    "| error / deflection | violations |\n|--:|--:|--:|--:|--:|--:|--:|"
+)
+
 HEAD = (
     f"{'model':28}{'defl/diag':>10} |{'faces/s':>9}{'ktri/s':>8}{'tri':>9}{'err/defl':>9}{'viol':>5}"
     f" |{'OCC f/s':>9}{'ktri/s':>8}{'tri':>9}{'err/defl':>9} |{'speed':>7}{'tri ratio':>10}{'equal err':>10}"
@@ -306,6 +352,11 @@ def line(row: dict[str, Any]) -> str:
 
 
 MARKDOWN_HEAD = (
+    "| car body, deflection mm | faces | triangles | faces/s, one core | two threads beside one "
+    "| error / deflection | violations |\n|--:|--:|--:|--:|--:|--:|--:|"
+)
+
+HEAD = (
     "| model | faces | deflection / diagonal | faces/s, ours | theirs | faster | triangles, ours | theirs "
     "| ours/theirs | error / deflection, ours | theirs | violations | first call s, ours | theirs |\n|---|"
     + "--:|"
@@ -330,7 +381,9 @@ def markdown(result: dict[str, Any]) -> str:
         cells.append(f"{a['median_certified_over_measured']:.2f}")
         cells += [f"{side['first_call_s']:.2f}" for side in (a, b)]
         lines.append("| " + " | ".join(str(c) for c in cells) + " |")
-    return "\n".join(lines)
+    samples = sum(r["ours"]["samples"] for r in result["rows"]) + sum(r["samples"] for r in result["car_body"])
+    lines += ["", f"{samples:,} distances were measured on our meshes.", "", CAR_BODY_HEAD]
+    return "\n".join([*lines, *map(car_body_line, result["car_body"])])
 
 
 @click.command()
@@ -355,6 +408,7 @@ def main(
     """Compare on MODELS (paths, or names in $NURBS_OOC_DATA)."""
     data = Path(os.environ.get("NURBS_OOC_DATA", "."))
     result: dict[str, Any] = {"machine": machine(), "angle_rad": ANGLE, "runs": runs, "samples": samples, "rows": []}
+    result["car_body"] = []
     print(json.dumps(result["machine"]))
     paths = [Path(name) if Path(name).exists() else data / name for name in models or MODELS]
     result["fresh_process"] = first_call(next(p for p in paths if p.exists()), shares[0])
@@ -369,6 +423,13 @@ def main(
             print(line(row), flush=True)
             if out:
                 out.write_text(json.dumps(result, indent=1))
+    if not models:
+        print(CAR_BODY_HEAD)
+        for row in car_body_rows(runs, samples // 4, seed):
+            result["car_body"].append(row)
+            print(car_body_line(row), flush=True)
+        if out:
+            out.write_text(json.dumps(result, indent=1))
     if docs:
         replace_section(docs, "tessellate", markdown(result))
 

@@ -2,15 +2,15 @@
 
 Takes the surfaces of a cache, plants trees for several r, builds all tiles in a temporary folder and counts what a
 view draws. The view is the whole model at a given number of pixels along its longest edge, without culling, each
-surface at
-half a pixel; direct surfaces that are drawn through their own levels of detail are counted apart.
+surface at half a pixel; direct surfaces that are drawn through their own levels of detail are counted apart.
 
-    python scripts/measure_node_size.py CACHE [--r 128 256 512] [--pixels 250 1000 4000]
+    python scripts/measure_node_size.py CACHE [--r 128 256 512] [--most 16384 32768] [--pixels 250 1000 4000]
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import shutil
 import tempfile
 import time
@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.store import Store
+from nurbs_ooc.build import tunables
 from nurbs_ooc.build.box_stage import Boxes, box_surfaces
 from nurbs_ooc.build.codec_choice import DEFAULT_CODEC
 from nurbs_ooc.build.crew import SoloCrew
@@ -33,17 +34,17 @@ from nurbs_ooc.hierarchy.lazy_octree import build_lazy_octree
 
 
 def built_nodes(shop: Workshop, r: float, boxes: Boxes) -> tuple[npt.NDArray[np.void], float]:
-    """Node table with all tiles for one r, and the seconds for meshes and tiles."""
+    """Node table with all tiles for one r, and the processor time for meshes and tiles, s."""
     nodes, items = build_lazy_octree(boxes[0], boxes[1], r)
     with Store.open(shop.store, read_only=False) as store, SoloCrew() as crew:
         store.put_face_report(boxes[2])
         store.put_tree(nodes, items)
         forest = Forest.load(store)
-        start = time.perf_counter()
+        start = time.process_time()
         runs = surface_runs(store.part_infos())
         mesh_surfaces_of_runs(store, crew, shop, runs, forest.demand, forest.demand, lambda _: None)
         build_tiles(store, forest, np.arange(len(nodes)), crew, shop, lambda _: None)
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
         order_errors(store, forest.nodes, np.ones(len(nodes), np.bool_))
     return forest.nodes, seconds
 
@@ -63,6 +64,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cache", type=Path)
     parser.add_argument("--r", type=float, nargs="+", default=[128.0, 256.0, 512.0, 1024.0])
+    parser.add_argument("--most", type=int, nargs="+", default=[tunables.PRIMITIVES_PER_NODE], help="primitives a node")
     parser.add_argument("--pixels", type=int, nargs="+", default=[250, 1000, 4000])
     arguments = parser.parse_args()
     folder = Path(tempfile.mkdtemp())
@@ -74,8 +76,12 @@ def main() -> None:
     with SoloCrew() as crew:
         boxes = box_surfaces(crew, shop, runs, lambda _: None)
     size = float((boxes[0]["aabb_max"].max(axis=0) - boxes[0]["aabb_min"].min(axis=0)).max())
-    print("r | nodes | primitives: mean, largest | tile MiB | s | " + " | ".join(f"{p} px" for p in arguments.pixels))
-    for r in arguments.r:
+    print(
+        "r | at most | nodes | primitives: mean, largest | tile MiB | CPU s | "
+        + " | ".join(f"{p} px" for p in arguments.pixels)
+    )
+    for r, most in itertools.product(arguments.r, arguments.most):
+        tunables.PRIMITIVES_PER_NODE = most
         nodes, seconds = built_nodes(shop, r, boxes)
         primitives = nodes["n_triangles"].astype(np.int64) + nodes["n_lines"] + nodes["n_points"]
         views = []
@@ -86,7 +92,7 @@ def main() -> None:
         totals = (
             f"{primitives.mean():.0f}, {primitives.max()} | {nodes['tile_bytes'].sum() / 2**20:.1f} | {seconds:.1f}"
         )
-        print(f"{r:g} | {len(nodes)} | {totals} | " + " | ".join(views), flush=True)
+        print(f"{r:g} | {most} | {len(nodes)} | {totals} | " + " | ".join(views), flush=True)
     shutil.rmtree(folder)
 
 

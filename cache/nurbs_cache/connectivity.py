@@ -19,10 +19,12 @@ C. Touma and C. Gotsman, Triangle mesh compression, Graphics Interface 1998.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import helper, kernel, leaf
 
 EXTRA_BYTES = 16  # at most, per triangle: a byte of codes and three numbers of five bytes
 RING = 16
@@ -55,8 +57,8 @@ def encode_triangles(
     return codes, extras[:n_extras], n_used
 
 
-@helper
-def write_number(extras, at, value):  # type: ignore[no-untyped-def]
+@leaf
+def write_number(extras, at, value) -> int:  # type: ignore[no-untyped-def]
     """Zigzag, then seven bits to a byte, the lowest first; returns where to go on."""
     rest = (value << 1) ^ (value >> 63)
     while rest > 127:
@@ -67,8 +69,8 @@ def write_number(extras, at, value):  # type: ignore[no-untyped-def]
     return at + 1
 
 
-@helper
-def read_number(extras, at):  # type: ignore[no-untyped-def]
+@leaf
+def read_number(extras, at) -> tuple[int, int]:  # type: ignore[no-untyped-def]
     """Inverse of ``write_number``: (value, where to go on); five bytes at most."""
     rest = np.int64(0)
     for k in range(5):
@@ -77,24 +79,24 @@ def read_number(extras, at):  # type: ignore[no-untyped-def]
         rest |= (byte & 127) << (7 * k)
         if byte < 128:
             break
-    return (rest >> 1) ^ -(rest & 1), at
+    return int((rest >> 1) ^ -(rest & 1)), at
 
 
-@helper
-def _encode_vertex(vertex, is_new, extras, at, far, ring, head):  # type: ignore[no-untyped-def]
+@leaf
+def _encode_vertex(vertex, is_new, extras, at, far, ring, head) -> tuple[int, int, int, int]:  # type: ignore[no-untyped-def]
     """(code, where to go on, last far vertex, ring head)."""
     code = np.int64(NEW)
     if not is_new:
         for slot in range(RING_CODES):
             if ring[(head - 1 - slot) & 15] == vertex:
-                return np.int64(slot + 1), at, far, head
+                return int(slot + 1), at, far, head
         code = np.int64(NEXT)
         if vertex != far + 1:
             code = np.int64(FAR)
             at = write_number(extras, at, vertex - far)
         far = vertex
     ring[head & 15] = vertex
-    return code, at, far, head + 1
+    return int(code), at, far, head + 1
 
 
 @helper
@@ -104,6 +106,8 @@ def _edge(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def _encode(triangles, labels, order, predictors, codes, extras):  # type: ignore[no-untyped-def]
+    code: Any
+    far: Any
     edges = np.full(RING, np.uint64(0xFFFFFFFFFFFFFFFF))
     across = np.zeros(RING, np.int64)
     ring = np.full(RING, np.int64(-1))

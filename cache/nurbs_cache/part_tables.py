@@ -53,7 +53,7 @@ class PartTables(RawStore):
         for index, info, geometry in parts:
             if info.n_surfaces != len(geometry):
                 raise UsageError(f"part {index}: {len(geometry)} surfaces, its info says {info.n_surfaces}")
-            batch.append((number_key(index), _pack_info(info), record.pack(_clean(geometry).to_bytes())))
+            batch.append((number_key(index), _pack_info(info), pack_geometry(geometry)))
             n_bytes += len(batch[-1][2])
             if n_bytes >= BATCH_BYTES:
                 self._put_batch(batch)
@@ -117,6 +117,11 @@ class PartTables(RawStore):
             rows = rows[np.argsort(firsts[rows], kind="stable")]
             self._index = _Index(revision, numbers, infos, firsts[rows], rows)
         return self._index
+
+
+def pack_geometry(geometry: GeometryBatch) -> bytes:
+    """What is stored of a part."""
+    return record.pack(_clean(geometry).to_bytes())
 
 
 def _clean(geometry: GeometryBatch) -> GeometryBatch:

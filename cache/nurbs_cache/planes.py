@@ -21,31 +21,31 @@ from nurbs_cache.jit import helper, kernel
 
 Bytes = npt.NDArray[np.uint8]
 
+MAX_PLANES = 4  # of 32-bit numbers
 
-def encode_positions(
+
+def encode_vertices(
     steps: npt.NDArray[np.int32],
+    octahedral: npt.NDArray[np.int32],
     order: npt.NDArray[np.int32],
     predictors: npt.NDArray[np.int32],
     extent: tuple[int, int, int],
-) -> Bytes:
-    """(n_planes, 3, n) bytes of positions.
+    bits: int,
+) -> tuple[Bytes, Bytes]:
+    """(planes, 3, n) bytes of positions and (planes, 2, n) of normals, as few planes as their numbers need.
 
     Args:
         steps: (m, 3) int32, places on the grid.
-        order: (n,) row in ``steps`` of each vertex.
-        predictors: (n, 3) rows in ``steps`` of what it is predicted from.
+        octahedral: (m, 2) int32 coordinates of the normals, of ``bits`` bits.
+        order: (n,) row in both of each vertex.
+        predictors: (n, 3) rows in both of what it is predicted from.
         extent: of the grid.
+        bits: of a normal's coordinate.
     """
-    folded = np.empty((3, len(order)), np.uint32)
-    return _split(folded, int(_fold_positions(steps, order, predictors, *extent, folded)))
-
-
-def encode_normals(
-    octahedral: npt.NDArray[np.int32], order: npt.NDArray[np.int32], predictors: npt.NDArray[np.int32], bits: int
-) -> Bytes:
-    """(n_planes, 2, n) bytes of octahedral coordinates (m, 2) of ``bits`` bits; see ``encode_positions``."""
-    folded = np.empty((2, len(order)), np.uint32)
-    return _split(folded, int(_fold_octahedral(octahedral, order, predictors, bits, folded)))
+    n = len(order)
+    positions, normals = np.empty((MAX_PLANES, 3 * n), np.uint8), np.empty((MAX_PLANES, 2 * n), np.uint8)
+    n_positions, n_normals = _fold_vertices(steps, octahedral, order, predictors, extent, bits, positions, normals)
+    return positions[:n_positions].reshape(n_positions, 3, n), normals[:n_normals].reshape(n_normals, 2, n)
 
 
 def encode_numbers(numbers: npt.NDArray[np.uint32], expected_step: int) -> Bytes:
@@ -66,19 +66,6 @@ def decode_numbers(stream: Bytes, count: int, expected_step: int, limit: int, wh
     if len(numbers) != count or not _read_numbers(stream, expected_step, limit, numbers):
         raise CorruptRecordError(f"tile: the numbers of its {what} are damaged or not below {limit}")
     return numbers
-
-
-def _split(folded: npt.NDArray[np.uint32], widest: int) -> Bytes:
-    """Cut (k, n) numbers into as many planes as the bits that occur need, at least one."""
-    n_planes = max(1, (widest.bit_length() + 7) // 8)
-    planes = np.empty((n_planes, *folded.shape), np.uint8)
-    _cut(folded, planes)
-    return planes
-
-
-@helper
-def _zigzag(value):  # type: ignore[no-untyped-def]
-    return np.uint32((value << 1) ^ (value >> 31))
 
 
 @helper
@@ -111,47 +98,47 @@ def join_planes(low, high, k, width, values):  # type: ignore[no-untyped-def]
         values[i] = (values[i] >> 1) ^ -(values[i] & 1)
 
 
-@kernel
-def _cut(folded, planes):  # type: ignore[no-untyped-def]
-    for p in range(planes.shape[0]):
-        for k in range(folded.shape[0]):
-            for i in range(folded.shape[1]):
-                planes[p, k, i] = np.uint8(folded[k, i] >> np.uint32(8 * p))
-
-
-@kernel
-def _fold_positions(steps, order, predictors, extent_x, extent_y, extent_z, folded):  # type: ignore[no-untyped-def]
-    """Bits that occur in any folded difference."""
-    extents = (np.int32(extent_x), np.int32(extent_y), np.int32(extent_z))
-    widest = np.uint32(0)
-    for i in range(order.shape[0]):
-        own, a, b, d = order[i], predictors[i, 0], predictors[i, 1], predictors[i, 2]
-        for k in range(3):
-            guess = np.int32(0)
-            if i > 0:
-                guess = np.int32(min(max(steps[a, k] + steps[b, k] - steps[d, k], np.int32(0)), extents[k]))
-            number = _zigzag(np.int32(steps[own, k] - guess))
-            folded[k, i] = number
-            widest |= number
-    return widest
-
-
-@kernel
-def _fold_octahedral(octahedral, order, predictors, bits, folded):  # type: ignore[no-untyped-def]
-    """Likewise, modulo 2**bits."""
-    widest = np.uint32(0)
+@helper
+def _planes_of(differences, bits, planes):  # type: ignore[no-untyped-def]
+    """Cut (k, n) differences modulo 2**bits, zigzagged, into (4, k n) bytes; number of planes needed, at least one."""
+    n = differences.size
+    flat = differences.reshape(-1)
+    folded = np.empty(n, np.uint32)
     shift = np.int32(32 - bits)
-    for i in range(order.shape[0]):
-        own, a, b, d = order[i], predictors[i, 0], predictors[i, 1], predictors[i, 2]
+    widest = np.uint32(0)
+    for i in range(n):
+        value = np.int32(flat[i] << shift) >> shift
+        number = np.uint32(np.int32(value << np.int32(1)) ^ (value >> np.int32(31)))
+        folded[i] = number
+        widest |= number
+    n_planes = 1
+    while n_planes < MAX_PLANES and widest >> np.uint32(8 * n_planes) > 0:
+        n_planes += 1
+    for p in range(n_planes):
+        plane = planes[p]
+        for i in range(n):
+            plane[i] = np.uint8(folded[i] >> np.uint32(8 * p))
+    return n_planes
+
+
+@kernel
+def _fold_vertices(  # type: ignore[no-untyped-def]
+    steps, octahedral, order, predictors, extents, bits, position_planes, normal_planes
+):
+    """Number of planes of the positions and of the normals."""
+    n = order.shape[0]
+    moved, turned = np.empty((3, n), np.int32), np.empty((2, n), np.int32)
+    for i in range(n):
+        own, a = np.uint32(order[i]), np.uint32(predictors[i, 0])
+        b, d = np.uint32(predictors[i, 1]), np.uint32(predictors[i, 2])
+        known = np.int32(i > 0)  # nothing comes before vertex 0: its guess is 0
+        for k in range(3):
+            guess = np.int32(steps[a, k] + steps[b, k] - steps[d, k]) * known
+            moved[k, i] = steps[own, k] - min(max(guess, np.int32(0)), np.int32(extents[k]))
         for k in range(2):
-            guess = np.int32(0)
-            if i > 0:
-                guess = np.int32(octahedral[a, k] + octahedral[b, k] - octahedral[d, k])
-            difference = np.int32(octahedral[own, k] - guess)
-            number = _zigzag(np.int32(np.int32(difference << shift) >> shift))
-            folded[k, i] = number
-            widest |= number
-    return widest
+            guess = np.int32(octahedral[a, k] + octahedral[b, k] - octahedral[d, k]) * known
+            turned[k, i] = octahedral[own, k] - guess
+    return _planes_of(moved, 32, position_planes), _planes_of(turned, bits, normal_planes)
 
 
 @helper

@@ -72,18 +72,18 @@ def order_vertices(n_vertices: int, triangles: Indices, lines: Indices, points: 
     predictors = np.empty((n_vertices, 3), np.int32)
     code = walk_triangles if walk else encode_triangles
     codes, extras, n_predicted = code(triangles, labels, order, predictors)
-    new_lines, new_points = np.empty_like(lines), np.empty_like(points)
-    n_used = _relabel(lines.reshape(-1), labels, order, n_predicted, new_lines.reshape(-1))
-    n_used = _relabel(points, labels, order, n_used, new_points)
-    _chain(order[:n_used], predictors[:n_used], n_predicted)
+    n_used, new_lines, new_points = n_predicted, lines, points
+    if lines.size or points.size:
+        new_lines, new_points = np.empty_like(lines), np.empty_like(points)
+        n_used = _number_rest(lines, points, labels, order, predictors, n_predicted, new_lines, new_points)
     return Ordered(codes, extras, new_lines, new_points, order[:n_used], predictors[:n_used])
 
 
 @helper
 def _largest(indices):  # type: ignore[no-untyped-def]
     largest = np.uint32(0)
-    for index in indices:
-        largest = max(largest, index)
+    for i in range(indices.shape[0]):
+        largest = max(largest, indices[i])
     return largest
 
 
@@ -110,8 +110,9 @@ def _find_degenerate(steps, triangles, lines, points, flat_triangles, flat_lines
     return n_flat
 
 
-@kernel
+@helper
 def _relabel(old, labels, order, n_used, new):  # type: ignore[no-untyped-def]
+    """New numbers of indices; a vertex without one gets the next. Number of vertices that have one."""
     for i in range(old.shape[0]):
         vertex = old[i]
         if labels[vertex] < 0:
@@ -123,7 +124,12 @@ def _relabel(old, labels, order, n_used, new):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _chain(order, predictors, first):  # type: ignore[no-untyped-def]
-    """From row ``first`` on, each vertex is predicted from the one before."""
-    for i in range(first, predictors.shape[0]):
+def _number_rest(  # type: ignore[no-untyped-def]
+    lines, points, labels, order, predictors, first, new_lines, new_points
+):
+    """Lines and points in new numbers; from vertex ``first`` on, each is predicted from the one before."""
+    n_used = _relabel(lines.reshape(-1), labels, order, first, new_lines.reshape(-1))
+    n_used = _relabel(points, labels, order, n_used, new_points)
+    for i in range(first, n_used):
         predictors[i, :] = order[max(i - 1, 0)]
+    return n_used

@@ -29,6 +29,7 @@ MIN_POSITION_BITS, MAX_POSITION_BITS = 8, 21  # 21: a third of a 64-bit word, an
 MIN_NORMAL_BITS, MAX_NORMAL_BITS = 8, 12  # per coordinate: 0.96 to 0.06 degrees
 MAX_COORDINATE = 2.0**60  # mm; beyond, squares and float32 would overflow
 MIN_EXPONENT = -100  # finest step 2**-100 mm, so that steps stay normal numbers in float32
+BLOCK = 128  # vertices at a time: what is noted of them stays in the first-level cache
 _ROUND_UP = 1.0 + 2.0**-50
 _SAFE_SQUARE = 1e-280  # squares below lose digits
 
@@ -74,17 +75,18 @@ def choose_grid(lower: npt.ArrayLike, upper: npt.ArrayLike, bits: int, min_expon
         raise UsageError(f"{bits} bits a position, want {MIN_POSITION_BITS} to {MAX_POSITION_BITS}")
     low: list[float] = np.asarray(lower, np.float64).tolist()
     high: list[float] = np.asarray(upper, np.float64).tolist()
-    largest = max(max(map(abs, low)), max(map(abs, high)))
-    if not (largest <= MAX_COORDINATE and all(map(math.isfinite, low + high))):
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    largest = max(abs(x0), abs(y0), abs(z0), abs(x1), abs(y1), abs(z1))
+    if not (largest <= MAX_COORDINATE and math.isfinite(x0 + y0 + z0 + x1 + y1 + z1)):
         raise UsageError(f"positions from {low} to {high} mm: want finite numbers up to {MAX_COORDINATE:.3g}")
     # rounding both ends can add one step to the extent
-    exponent = _exponent_above(max(b - a for a, b in zip(low, high, strict=True)) / (2**bits - 2))
+    exponent = _exponent_above(max(x1 - x0, y1 - y0, z1 - z0) / (2**bits - 2))
     # every coordinate in steps must be an exact integer in float64
     exponent = max(exponent, math.frexp(largest)[1] - 53, min_exponent, MIN_EXPONENT)
-    first = [float(round(math.ldexp(x, -exponent))) for x in low]
-    last = [float(round(math.ldexp(x, -exponent))) for x in high]
-    extent = [int(b - a) for a, b in zip(first, last, strict=True)]
-    return Grid(exponent, (first[0], first[1], first[2]), (extent[0], extent[1], extent[2]))
+    per_mm = math.ldexp(1.0, -exponent)
+    i0, j0, k0 = round(x0 * per_mm), round(y0 * per_mm), round(z0 * per_mm)
+    i1, j1, k1 = round(x1 * per_mm), round(y1 * per_mm), round(z1 * per_mm)
+    return Grid(exponent, (float(i0), float(j0), float(k0)), (i1 - i0, j1 - j0, k1 - k0))
 
 
 def _exponent_above(length: float) -> int:
@@ -174,46 +176,59 @@ def _measure_box(positions, box):  # type: ignore[no-untyped-def]
 @kernel
 def _quantise(positions, inverse_step, base_x, base_y, base_z, steps):  # type: ignore[no-untyped-def]
     """Largest squared distance, and largest coordinate difference, in steps."""
+    flat, flat_steps = positions.reshape(-1), steps.reshape(-1)
+    bases, ways = np.empty(3 * BLOCK), np.empty(3 * BLOCK)
+    for j in range(0, 3 * BLOCK, 3):
+        bases[j], bases[j + 1], bases[j + 2] = base_x, base_y, base_z
     squares = 0.0
     single = 0.0
-    for i in range(positions.shape[0]):
-        x = positions[i, 0] * inverse_step
-        y = positions[i, 1] * inverse_step
-        z = positions[i, 2] * inverse_step
-        rx = np.rint(x)
-        ry = np.rint(y)
-        rz = np.rint(z)
-        steps[i, 0] = np.int32(rx - base_x)
-        steps[i, 1] = np.int32(ry - base_y)
-        steps[i, 2] = np.int32(rz - base_z)
-        dx = abs(x - rx)
-        dy = abs(y - ry)
-        dz = abs(z - rz)
-        squares = max(squares, dx * dx + dy * dy + dz * dz)
-        single = max(single, max(dx, max(dy, dz)))
+    for start in range(0, flat.shape[0], 3 * BLOCK):
+        count = min(3 * BLOCK, flat.shape[0] - start)
+        given, rounded = flat[start : start + count], flat_steps[start : start + count]
+        for j in range(count):  # in vector registers
+            place = given[j] * inverse_step
+            nearest = np.rint(place)
+            rounded[j] = np.int32(nearest - bases[j])
+            ways[j] = abs(place - nearest)
+        for j in range(0, count, 3):
+            dx, dy, dz = ways[j], ways[j + 1], ways[j + 2]
+            squares = max(squares, dx * dx + dy * dy + dz * dz)
+            single = max(single, max(dx, max(dy, dz)))
     return squares, single
 
 
 @kernel
 def _fold_normals(normals, half, octahedral):  # type: ignore[no-untyped-def]
     """Row of a normal that is not finite, or -1."""
-    one = np.float32(1.0)
-    scale = np.float32(half)
+    one, zero, scale = np.float32(1.0), np.float32(0.0), np.float32(half)
     tiny = np.float32(1e-30)  # shorter ones count as zero vectors
-    for i in range(normals.shape[0]):
-        if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
-            return i
-    for i in range(normals.shape[0]):
-        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
-        total = abs(x) + abs(y) + abs(z)
-        inverse = one / (total if total > tiny else one)
-        u = x * inverse
-        v = y * inverse
-        fold = z < np.float32(0.0)
-        folded_u = np.copysign(one - abs(v), u)
-        folded_v = np.copysign(one - abs(u), v)
-        u = folded_u if fold else u
-        v = folded_v if fold else v
-        octahedral[i, 0] = np.int32(np.rint(u * scale)) + half
-        octahedral[i, 1] = np.int32(np.rint(v * scale)) + half
+    middle = np.int32(half)
+    xyz, uv = np.empty((3, BLOCK), np.float32), np.empty((2, BLOCK), np.int32)
+    for start in range(0, normals.shape[0], BLOCK):
+        count = min(BLOCK, normals.shape[0] - start)
+        for j in range(count):
+            for k in range(3):
+                xyz[k, j] = normals[start + j, k]
+        finite = True
+        for j in range(count):  # in vector registers
+            x, y, z = xyz[0, j], xyz[1, j], xyz[2, j]
+            total = abs(x) + abs(y) + abs(z)
+            finite &= total < np.float32(np.inf)
+            inverse = one / (total if total > tiny else one)
+            u = x * inverse
+            v = y * inverse
+            fold = z < zero
+            folded_u = np.copysign(one - abs(v), u)
+            folded_v = np.copysign(one - abs(u), v)
+            u = folded_u if fold else u
+            v = folded_v if fold else v
+            uv[0, j] = np.int32(np.rint(u * scale)) + middle
+            uv[1, j] = np.int32(np.rint(v * scale)) + middle
+        if not finite:
+            for i in range(start, start + count):
+                if not abs(normals[i, 0]) + abs(normals[i, 1]) + abs(normals[i, 2]) < np.inf:
+                    return i
+        for j in range(count):
+            octahedral[start + j, 0] = uv[0, j]
+            octahedral[start + j, 1] = uv[1, j]
     return -1

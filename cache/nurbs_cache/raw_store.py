@@ -12,7 +12,7 @@ R = TypeVar("R")
 
 # name -> what its keys and values are; FORMAT.md describes every byte
 TABLES: dict[str, str] = {
-    "meta": "name -> magic, schema, units, provenance",
+    "meta": "name -> magic, schema, units, provenance, edits",
     "parts": "part -> geometry batch",
     "part_infos": "part -> name, number of surfaces, first surface id",
     "scene": "name -> products, materials, occurrences",

@@ -29,7 +29,7 @@ from nurbs_cache.entropy import NO_BYTES, Bytes, decode_stream, encode_stream
 from nurbs_cache.errors import CorruptRecordError, UsageError
 from nurbs_cache.ledger import Ledger
 from nurbs_cache.mesh_decoder import decode_mesh
-from nurbs_cache.planes import decode_numbers, encode_normals, encode_numbers, encode_positions
+from nurbs_cache.planes import decode_numbers, encode_numbers, encode_vertices
 from nurbs_cache.primitives import Indices, drop_degenerate, order_vertices
 from nurbs_cache.quantise import (
     MAX_NORMAL_BITS,
@@ -166,8 +166,9 @@ def encode_tile(
     octahedral = quantise_normals(normals, normal_bits)
     triangles, lines, points = drop_degenerate(steps, triangles, lines, points)
     kept = order_vertices(len(positions), triangles, lines, points, walk=reorder)
-    position_planes = encode_positions(steps, kept.order, kept.predictors, grid.extent)
-    normal_planes = encode_normals(octahedral, kept.order, kept.predictors, normal_bits)
+    position_planes, normal_planes = encode_vertices(
+        steps, octahedral, kept.order, kept.predictors, grid.extent, normal_bits
+    )
     streams = [
         (CODES, 1, kept.codes),
         (EXTRAS, 1, kept.extras),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+import numpy.typing as npt
 
 from nurbs_cache import record
 from nurbs_cache.errors import MissingRecordError
@@ -68,23 +69,33 @@ class TileTables(RawStore):
     def put_face_report(self, rows: Rows) -> None:
         """Add ``FACE_REPORT_DTYPE`` rows, in one transaction; a surface that is there is replaced."""
         added = clean_rows(rows, FACE_REPORT_DTYPE)
-        pages = (added["surface"] // np.uint64(FACE_PAGE)).astype(np.int64)
-
-        def change(writing: Writing) -> None:
-            for page in np.unique(pages).tolist():
-                stored = writing.find("faces", number_key(page))
-                what = f"page {page} of the face report"
-                payload = b"" if stored is None else record.unpack(stored, what)
-                merged = _latest(parse_rows(payload, FACE_REPORT_DTYPE, what), added[pages == page], "surface")
-                writing.put("faces", number_key(page), record.pack(merged.tobytes()))
-
-        self.transact(change)
+        self.transact(lambda writing: merge_face_rows(writing, added))
 
     def get_face_report(self) -> Rows:
         """(n,) ``FACE_REPORT_DTYPE`` by ascending surface id."""
         what = f"{self.name}: face report"
         pages = [parse_rows(record.unpack(data, what), FACE_REPORT_DTYPE, what) for _, data in self.scan("faces")]
         return np.concatenate([np.zeros(0, FACE_REPORT_DTYPE), *pages])
+
+    def get_face_rows(self, surfaces: npt.NDArray[np.uint64]) -> Rows:
+        """Those of the face report's rows that are of ``surfaces``, ascending; only their pages are read."""
+        found = [np.zeros(0, FACE_REPORT_DTYPE)]
+        for page in np.unique(surfaces // np.uint64(FACE_PAGE)).tolist():
+            data, what = self.find("faces", number_key(page)), f"{self.name}: page {page} of the face report"
+            rows = parse_rows(b"" if data is None else record.unpack(data, what), FACE_REPORT_DTYPE, what)
+            found.append(rows[np.isin(rows["surface"], surfaces)])
+        return np.concatenate(found)
+
+
+def merge_face_rows(writing: Writing, added: Rows) -> None:
+    """Add clean ``FACE_REPORT_DTYPE`` rows to the report; a surface that is there is replaced."""
+    pages = (added["surface"] // np.uint64(FACE_PAGE)).astype(np.int64)
+    for page in np.unique(pages).tolist():
+        stored = writing.find("faces", number_key(page))
+        what = f"page {page} of the face report"
+        payload = b"" if stored is None else record.unpack(stored, what)
+        merged = _latest(parse_rows(payload, FACE_REPORT_DTYPE, what), added[pages == page], "surface")
+        writing.put("faces", number_key(page), record.pack(merged.tobytes()))
 
 
 def _latest(rows: Rows, added: Rows, field: str) -> Rows:

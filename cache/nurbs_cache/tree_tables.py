@@ -14,6 +14,8 @@ from nurbs_cache.raw_store import Writing
 from nurbs_cache.row_pages import Rows, clean_rows, read_rows, replace_rows, update_rows
 from nurbs_cache.scene_tables import SceneTables, pack_json
 
+EDITS_KEY = b"edits"  # in table ``meta``; see ``edit_tables``
+
 
 class TreeTables(SceneTables):
     """Tables ``tree``, ``nodes`` and ``items``."""
@@ -21,12 +23,15 @@ class TreeTables(SceneTables):
     def put_tree(self, nodes: Rows, items: Rows, params: Mapping[str, Any] | None = None) -> None:
         """Replace the whole tree in one transaction; ``params`` as JSON, part of the content hash."""
         node_rows, item_rows = clean_rows(nodes, NODE_DTYPE), clean_rows(items, ITEM_DTYPE)
+        edits = int(self.read_json("meta", EDITS_KEY).get("count", 0))
         head = {"n_nodes": len(node_rows), "n_items": len(item_rows), "params": dict(params or {})}
 
         def change(writing: Writing) -> None:
             replace_rows(writing, "nodes", node_rows)
             replace_rows(writing, "items", item_rows)
             writing.put("tree", b"head", pack_json(head))
+            if writing.find("meta", EDITS_KEY) is not None:  # of nodes that are gone
+                writing.put("meta", EDITS_KEY, pack_json({"count": edits + 1, "stale": []}))
 
         self.transact(change)
 

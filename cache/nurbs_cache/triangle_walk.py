@@ -13,13 +13,17 @@ times instead of searches. Equal input gives equal bytes, whatever the machine.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.connectivity import EXTRA_BYTES, FAR, NEW, NEXT, NO_EDGE, RING_CODES, write_number
-from nurbs_cache.jit import helper, kernel
+from nurbs_cache.jit import helper, kernel, leaf
 
 _LONG_AGO = -1 << 30
+
+Rows = npt.NDArray[np.int32]
 
 
 def walk_triangles(
@@ -47,78 +51,104 @@ def walk_triangles(
 
 @helper
 def _adjacency(triangles, n_vertices):  # type: ignore[no-untyped-def]
-    """Corner 4 t + k of triangle t: its vertex, and lists of the corners at each vertex with their lengths.
+    """Corner 4 t + k of triangle t: its vertex, and the corners at each vertex, those of late triangles last.
 
     The fourth place of a triangle repeats its first vertex: the edge from corner ``i`` ends at ``vertex[i + 1]``.
+    The corners at vertex v are ``corners[start[v] : start[v + 1]]``, their edges end at ``ends`` of the same range.
     """
-    vertex = np.empty(4 * triangles.shape[0], np.int32)
-    follow = np.empty(4 * triangles.shape[0], np.int32)
-    latest = np.full(n_vertices, -1, np.int32)
+    n = triangles.shape[0]
+    vertex = np.empty(4 * n, np.int32)
     left = np.zeros(n_vertices, np.int32)
-    for t in range(triangles.shape[0]):
+    for t in range(n):
+        at = np.uint64(4 * t)
         for k in range(3):
-            a = np.int32(triangles[t, k])
-            vertex[4 * t + k] = a
-            follow[4 * t + k] = latest[a]
-            latest[a] = 4 * t + k
-            left[a] += 1
-        vertex[4 * t + 3] = triangles[t, 0]
-    return vertex, follow, latest, left
+            vertex[at + np.uint64(k)] = triangles[t, k]
+            left[np.uint64(triangles[t, k])] += 1
+        vertex[at + np.uint64(3)] = triangles[t, 0]
+    start = np.empty(n_vertices + 2, np.int32)  # first one place late: the next loop moves it on
+    start[0] = start[1] = 0
+    for v in range(n_vertices):
+        start[v + 2] = start[v + 1] + left[v]
+    ends, corners = np.empty(3 * n, np.int32), np.empty(3 * n, np.int32)
+    for t in range(n):
+        for k in range(3):
+            corner = np.uint64(4 * t + k)
+            place = np.uint64(vertex[corner]) + np.uint64(1)
+            ends[np.uint64(start[place])] = vertex[corner + np.uint64(1)]
+            corners[np.uint64(start[place])] = corner
+            start[place] += 1
+    return vertex, left, start, ends, corners
 
 
-@helper
-def _code_vertex(vertex, far, times, ring_head, extras, at):  # type: ignore[no-untyped-def]
+@leaf
+def _across(begin, end, start, ends, corners, done) -> int:  # type: ignore[no-untyped-def]
+    """Corner of the last triangle that is left whose edge runs from ``end`` to ``begin``, or -1."""
+    low, at = np.uint64(start[np.uint64(end)]), np.uint64(start[np.uint64(end) + np.uint64(1)])
+    while at > low:
+        at -= np.uint64(1)
+        if ends[at] == begin and not done[np.uint64(corners[at]) >> np.uint64(2)]:
+            return int(corners[at])
+    return -1
+
+
+@leaf
+def _code_vertex(vertex, far, times, ring_head, extras, at) -> tuple[int, int, int, int]:  # type: ignore[no-untyped-def]
     """Code of a vertex that was seen before: (code, last far vertex, ring head, where to go on)."""
     age = ring_head - times[vertex]
     if age <= RING_CODES:
-        return np.int64(age), far, ring_head, at
+        return int(age), far, ring_head, at
     code = np.int64(NEXT)
     if vertex != far + 1:
         code = np.int64(FAR)
         at = write_number(extras, at, np.int64(vertex - far))
     times[vertex] = ring_head
-    return code, np.int64(vertex), ring_head + 1, at
+    return int(code), vertex, ring_head + 1, at
 
 
 @kernel
 def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[no-untyped-def]
-    vertex, follow, latest, left = _adjacency(triangles, labels.shape[0])
+    code: Any
+    far: Any
+    ring_head: Any
+    at: Any
+    corner: Any
+    vertex, left, start, ends, corners = _adjacency(triangles, labels.shape[0])
     n_triangles = triangles.shape[0]
     done = np.zeros(n_triangles, np.bool_)
     stack = np.empty((3 * n_triangles + 3, 2), np.int32)  # corner whose edge may be crossed; when it was reached
     times = np.full(labels.shape[0], _LONG_AGO, np.int32)  # when a vertex, by its new number, entered the ring
-    n_stack, n_done, n_used = 0, 0, 0
-    edge_head, ring_head, at = 0, 0, 0
+    one = np.uint64(1)  # unsigned numbers need no check for counting from the end
+    n_stack, n_done, n_used = np.uint64(0), np.uint64(0), np.uint64(0)
+    edge_head, ring_head, at = np.int64(0), np.int64(0), np.int64(0)
     far = np.int64(-1)
-    for start in range(n_triangles):
-        if done[start]:
+    for first in range(n_triangles):
+        if done[first]:
             continue
-        corner = 4 * start
+        corner = np.int64(4 * first)
         slot = np.int64(NO_EDGE)
         across = np.int32(0)
         while corner >= 0:
-            t = corner >> 2
             turn = corner & 3
             i_b = corner + 1 if turn < 2 else corner - 2
             i_c = corner + 2 if turn < 1 else corner - 1
-            a, b, c = vertex[corner], vertex[i_b], vertex[i_c]
-            done[t] = True
-            left[a] -= 1
-            left[b] -= 1
-            left[c] -= 1
+            a, b, c = vertex[np.uint64(corner)], vertex[np.uint64(i_b)], vertex[np.uint64(i_c)]
+            done[np.uint64(corner >> 2)] = True
+            left[np.uint64(a)] -= 1
+            left[np.uint64(b)] -= 1
+            left[np.uint64(c)] -= 1
             if slot < NO_EDGE:
                 # two corners come with the edge
                 code = np.int64(NEW)
-                label = np.int64(labels[c])
+                label = np.int64(labels[np.uint64(c)])
                 if label < 0:
-                    labels[c] = n_used
+                    labels[np.uint64(c)] = n_used
                     order[n_used] = c
                     predictors[n_used, 0] = a
                     predictors[n_used, 1] = b
                     predictors[n_used, 2] = across
                     times[n_used] = ring_head
                     ring_head += 1
-                    n_used += 1
+                    n_used += one
                 else:
                     code, far, ring_head, at = _code_vertex(label, far, times, ring_head, extras, at)
                 codes[n_done] = np.uint8(slot << 4 | code)
@@ -127,7 +157,7 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                 pair_at = at
                 at += 1
                 three = np.int64(0)
-                before = order[n_used - 1] if n_used > 0 else a
+                before = order[n_used - one] if n_used > 0 else a
                 for here in (a, b, c):
                     code = np.int64(NEW)
                     label = np.int64(labels[here])
@@ -137,7 +167,7 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                         predictors[n_used, :] = before
                         times[n_used] = ring_head
                         ring_head += 1
-                        n_used += 1
+                        n_used += one
                     else:
                         code, far, ring_head, at = _code_vertex(label, far, times, ring_head, extras, at)
                     three = three << 4 | code
@@ -146,28 +176,25 @@ def _walk(triangles, labels, order, predictors, codes, extras):  # type: ignore[
                 extras[pair_at] = np.uint8(three & 255)
                 stack[n_stack, 0] = corner
                 stack[n_stack, 1] = edge_head
-                n_stack += 1
+                n_stack += one
                 edge_head += 1
-            n_done += 1
+            n_done += one
             stack[n_stack, 0] = i_b
             stack[n_stack, 1] = edge_head
-            stack[n_stack + 1, 0] = i_c
-            stack[n_stack + 1, 1] = edge_head + 1
-            n_stack += 2
+            stack[n_stack + one, 0] = i_c
+            stack[n_stack + one, 1] = edge_head + 1
+            n_stack += np.uint64(2)
             edge_head += 2
             # cross the youngest edge that leads to a triangle that is left
-            corner = -1
+            corner = np.int64(-1)
             while n_stack > 0 and corner < 0:
-                n_stack -= 1
-                edge = np.int64(stack[n_stack, 0])
-                begin = vertex[edge]
-                end = vertex[edge + 1]
-                if left[end] == 0 or left[begin] == 0:
+                n_stack -= one
+                edge = np.uint64(stack[n_stack, 0])
+                begin, end = vertex[edge], vertex[edge + one]
+                if left[np.uint64(end)] == 0 or left[np.uint64(begin)] == 0:
                     continue
-                corner = int(latest[end])
-                while corner >= 0 and ((vertex[corner + 1] != begin) | done[corner >> 2]):
-                    corner = int(follow[corner])
+                corner = _across(begin, end, start, ends, corners, done)
                 if corner >= 0:
                     slot = min(np.int64(edge_head - 1 - stack[n_stack, 1]), np.int64(NO_EDGE))
-                    across = vertex[edge + 2 if edge & 3 < 1 else edge - 1]
-    return at, n_used
+                    across = vertex[edge + np.uint64(2) if edge & np.uint64(3) < 1 else edge - one]
+    return at, np.int64(n_used)

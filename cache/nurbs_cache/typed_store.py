@@ -8,15 +8,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from nurbs_cache import record
+from nurbs_cache.edit_tables import EditTables
 from nurbs_cache.errors import CacheError, CorruptRecordError
 from nurbs_cache.node_record import NODE_DTYPE
-from nurbs_cache.part_tables import PartTables
 from nurbs_cache.raw_store import TABLES, Writing
 from nurbs_cache.row_pages import parse_rows
 from nurbs_cache.scene_tables import pack_json
 from nurbs_cache.tile import check_tile, tile_hash
-from nurbs_cache.tile_tables import TileTables
-from nurbs_cache.tree_tables import TreeTables
+from nurbs_cache.tree_tables import EDITS_KEY
 
 SCHEMA_VERSION = 1
 MAGIC = b"nurbs-ooc cache"
@@ -24,7 +23,7 @@ READ_AT_ONCE = 64 << 20  # bytes; loops over a whole table give the memory of wh
 HASHED_TABLES = ("part_infos", "parts", "scene", "tree", "nodes", "items", "faces")
 
 
-class TypedStore(PartTables, TreeTables, TileTables):
+class TypedStore(EditTables):
     """The typed methods over the tables; see ``Store`` and ``MemoryStore``."""
 
     def content_hash(self) -> str:
@@ -32,8 +31,8 @@ class TypedStore(PartTables, TreeTables, TileTables):
 
         Hashed are the schema, the units, and every key with the identity of its value in the tables of
         parts, scene, tree, nodes, items and face report. A node names its tile by the hash of the tile's
-        bytes, which covers them. Provenance stays out, and so do surfaces' levels of detail: they follow
-        from the surfaces and are kept only for speed.
+        bytes, which covers them. Provenance and the note of edits stay out, and so do surfaces' levels of
+        detail: they follow from the surfaces and are kept only for speed.
 
         Raises:
             CorruptRecordError: a value is damaged, or a tile that a node names is not stored.
@@ -68,7 +67,7 @@ class TypedStore(PartTables, TreeTables, TileTables):
                     check_tile(value, what)
                     if bytes.fromhex(tile_hash(value)) != key:
                         raise CorruptRecordError(f"{what}: the tile is not the one its name says")
-                elif table != "meta" or key in (b"units", b"provenance"):
+                elif table != "meta" or key in (b"units", b"provenance", EDITS_KEY):
                     record.verify(value, what)
                 counts[table] += 1
         self._check_node_tiles()

@@ -34,8 +34,9 @@ def worst_rows(
 
 def add_to_report(store: TypedStore, reports: Sequence[npt.NDArray[np.void]]) -> None:
     """Merge rows into the stored report and store those that changed; the order of ``reports`` does not matter."""
-    before = store.get_face_report()
-    both = np.concatenate([before, *reports])
+    added = np.concatenate([np.zeros(0, FACE_REPORT_DTYPE), *reports])
+    before = store.get_face_rows(np.unique(added["surface"]))
+    both = np.concatenate([before, added])
     after = worst_rows(both["surface"], both["status"], both["reason"], both["certified"])
     old = np.searchsorted(before["surface"], after["surface"])
     is_old = np.isin(after["surface"], before["surface"])

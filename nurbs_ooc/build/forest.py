@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.mesh_demand import MeshDemand, mesh_keys
+from nurbs_ooc.build.surface_demand import SurfaceDemand
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hierarchy.runs import run_rows
 from nurbs_ooc.hlod.budget import NodeBudget
@@ -90,6 +91,28 @@ class Forest:
             reach,
         )
 
+    def items_of(self, surface_id: int) -> Rows:
+        """Rows of the items of a surface, ascending."""
+        low, high = np.searchsorted(
+            self.items["surface"], np.array([surface_id, surface_id + 1], np.uint64), sorter=self._by_surface
+        )
+        return self._by_surface[low:high]
+
+    def replace(self, rows: Rows, items: npt.NDArray[np.void], node_rows: Rows, nodes: npt.NDArray[np.void]) -> None:
+        """Other boxes of some items, and what follows for their nodes; surfaces and places stay."""
+        self.items[rows], self.nodes[node_rows] = items, nodes
+        self._diagonals[rows] = diagonals(items)
+        self.__dict__.pop("demand", None)
+
+    @cached_property
+    def _by_surface(self) -> Rows:
+        return np.argsort(self.items["surface"], kind="stable")
+
+    @cached_property
+    def surface_demand(self) -> SurfaceDemand:
+        """What all nodes need, for those who ask for some surfaces only."""
+        return SurfaceDemand(self.nodes, self.items, self.placements.stretch, self._by_surface)
+
     @cached_property
     def _diagonals(self) -> npt.NDArray[np.float64]:
         return diagonals(self.items)
@@ -116,11 +139,10 @@ class Forest:
         """Cut nodes into jobs of one level each, coarse levels first, of bounded numbers of meshes and items."""
         for level, here in by_level(self.nodes, rows):
             budget = NodeBudget.of_level(level, tunables.SHARES)
-            first, n_items = self.nodes["first_item"][here].astype(np.int64), self.nodes["n_items"][here]
-            before = np.concatenate([[0], np.cumsum(self._diagonals > budget.point_diagonal)])
-            shares = np.maximum(
-                (before[first + n_items] - before[first]) / tunables.MESHES_PER_JOB, n_items / tunables.ITEMS_PER_JOB
-            )
+            n_items = self.nodes["n_items"][here]
+            meshed = self._diagonals[run_rows(self.nodes["first_item"][here], n_items)] > budget.point_diagonal
+            n_meshed = np.bincount(np.repeat(np.arange(len(here)), n_items)[meshed], minlength=len(here))
+            shares = np.maximum(n_meshed / tunables.MESHES_PER_JOB, n_items / tunables.ITEMS_PER_JOB)
             total = np.concatenate([[0.0], np.cumsum(shares)])
             low = 0
             while low < len(here):

@@ -15,7 +15,9 @@ from nurbs_ooc.build.mesh_demand import Keys, mesh_keys
 from nurbs_ooc.hierarchy.placements import Placements
 from nurbs_ooc.hlod.budget import NodeBudget
 from nurbs_ooc.hlod.mesh_pool import MeshPool
-from nurbs_ooc.hlod.node import diagonals, node_content
+from nurbs_ooc.hlod.node import PlacedMeshes, diagonals, node_content
+
+TILE_FIELDS = ("tile_hash", "tile_bytes", "n_triangles", "n_lines", "n_points", "geometric_error")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +52,24 @@ def build_nodes(
     levels = budget.surface_levels(diagonals(items), placements.stretch[items["occurrence"]])
     needed, slots = np.unique(mesh_keys(items["surface"], levels), return_inverse=True)
     pool = meshes(needed)
-    tiles, records = [], nodes.copy()
-    for row, record in enumerate(records):
-        own, points = needs.rows_of(row), needs.points_of(row)
-        content = node_content(items[own], slots[own], points, pool, placements, nodes["aabb_min"][row], budget)
-        data = encoded(content, int(record["level"]), codec)
-        name, (_, *counts) = tile_hash(data), tile_counts(data)
+    placed = PlacedMeshes.of(items, pool.slots[slots], placements)
+    tiles, rows = [], []
+    for row, (level, origin) in enumerate(zip(nodes["level"].tolist(), nodes["aabb_min"], strict=True)):
+        own, points = placed[needs.rows_of(row)], needs.points_of(row)
+        content = node_content(own, points, pool, placements, origin, budget, tunables.PRIMITIVES_PER_NODE)
+        data = encoded(content, level, codec)
+        name = tile_hash(data)
         tiles.append((name, data))
-        record["tile_hash"], record["tile_bytes"] = name.encode(), len(data)
-        record["n_triangles"], record["n_lines"], record["n_points"] = counts
-        record["geometric_error"] = tile_ledger(data).total
-    return BuiltNodes(tiles, records)
+        rows.append((name.encode(), len(data), *tile_counts(data)[1:], tile_ledger(data).total))
+    return BuiltNodes(tiles, _records(nodes, rows))
+
+
+def _records(nodes: npt.NDArray[np.void], rows: list[tuple[bytes, int, int, int, int, float]]) -> npt.NDArray[np.void]:
+    """Node records with what is known of their tiles."""
+    records = nodes.copy()
+    for name, column in zip(TILE_FIELDS, zip(*rows, strict=True), strict=False):
+        records[name] = column
+    return records
 
 
 def encoded(content: TileContent, level: int, codec: str) -> bytes:

@@ -6,8 +6,7 @@ building it twice is a waste, not an error.
 
 from __future__ import annotations
 
-import threading
-import weakref
+from functools import partial
 
 import numpy as np
 
@@ -20,23 +19,14 @@ from nurbs_ooc.build import tunables
 from nurbs_ooc.build.codec_choice import codec_of
 from nurbs_ooc.build.error_order import raise_ancestors
 from nurbs_ooc.build.forest import Forest
-from nurbs_ooc.build.node_tiles import build_nodes, encoded
+from nurbs_ooc.build.mesh_demand import Keys
+from nurbs_ooc.build.node_tiles import BuiltNodes, build_nodes, encoded
+from nurbs_ooc.build.open_forest import changing, open_forest
 from nurbs_ooc.build.surface_meshes import mesh_surfaces
+from nurbs_ooc.hlod.mesh_pool import MeshPool
 from nurbs_ooc.tessellation.tessellate import tessellate
 
 FINEST_LOD, COARSEST_LOD = -40, 40  # ladder levels that a client may ask for: 2**level mm
-
-_forests: weakref.WeakKeyDictionary[TypedStore, Forest] = weakref.WeakKeyDictionary()
-_loading = threading.Lock()
-_updating = threading.Lock()
-
-
-def _forest(store: TypedStore) -> Forest:
-    """The tables of a store, read once; boxes and items do not change when tiles are added."""
-    with _loading:
-        if store not in _forests:
-            _forests[store] = Forest.load(store)
-        return _forests[store]
 
 
 def build_node_tile(store: TypedStore, row: int, workers: int = 1) -> tuple[str, bytes]:
@@ -53,24 +43,34 @@ def build_node_tile(store: TypedStore, row: int, workers: int = 1) -> tuple[str,
     Raises:
         UsageError: there is no such node.
     """
-    forest = _forest(store)
-    if not 0 <= row < len(forest.nodes):
-        raise UsageError(f"node {row}: the tree has {len(forest.nodes)}")
-    built = build_nodes(
-        forest.needs(np.array([row])),
-        forest.placements,
-        codec_of(store),
-        lambda keys: mesh_surfaces(store, keys, forest.demand, workers),
-    )
-    name, data = built.tiles[0]
-    store.put_tiles([(name, data)])
-    with _updating:
-        record = built.records.copy()
-        error = float(record["geometric_error"][0])
-        record["geometric_error"] = store.get_nodes(row, 1)["geometric_error"]
-        store.update_nodes(row, record)
-        raise_ancestors(store, row, error)
-    return name, data
+    while True:
+        edits, forest = store.edit_count(), open_forest(store)
+        if not 0 <= row < len(forest.nodes):
+            raise UsageError(f"node {row}: the tree has {len(forest.nodes)}")
+        built = build_nodes(
+            forest.needs(np.array([row])),
+            forest.placements,
+            codec_of(store),
+            partial(_meshes, store, forest, workers),
+        )
+        with changing(store, edits) as current:
+            if current:
+                _keep_node(store, row, built)
+                return built.tiles[0]
+
+
+def _meshes(store: TypedStore, forest: Forest, workers: int, keys: Keys) -> MeshPool:
+    return mesh_surfaces(store, keys, forest.surface_demand, workers)
+
+
+def _keep_node(store: TypedStore, row: int, built: BuiltNodes) -> None:
+    """Store a node's tile, then the node that names it, then what follows for its ancestors."""
+    store.put_tiles(built.tiles)
+    record = built.records.copy()
+    error = float(record["geometric_error"][0])
+    record["geometric_error"] = store.get_nodes(row, 1)["geometric_error"]
+    store.update_nodes(row, record)
+    raise_ancestors(store, row, error)
 
 
 def build_surface_lod(store: TypedStore, surface_id: int, level: int, workers: int = 1) -> tuple[np.void, bytes]:
@@ -88,6 +88,22 @@ def build_surface_lod(store: TypedStore, surface_id: int, level: int, workers: i
     """
     if not FINEST_LOD <= level <= COARSEST_LOD:
         raise UsageError(f"level {level}: want {FINEST_LOD} to {COARSEST_LOD}")
+    while True:
+        edits = store.edit_count()
+        data = _lod_tile(store, surface_id, level, workers)
+        record = np.zeros(1, LOD_DTYPE)
+        record["level"], record["geometric_error"] = level, tile_ledger(data).total
+        record["tile_hash"], record["tile_bytes"] = tile_hash(data).encode(), len(data)
+        record["n_triangles"] = tile_counts(data)[1]
+        with changing(store, edits) as current:
+            if current:
+                store.put_tiles([(tile_hash(data), data)])
+                store.put_lods(surface_id, record)
+                return record[0], data
+
+
+def _lod_tile(store: TypedStore, surface_id: int, level: int, workers: int) -> bytes:
+    """The tile of a surface at a ladder level."""
     part, row = store.locate_surface(surface_id)
     chord_error = 2.0**level * (1.0 - tunables.SHARES.quantisation)
     mesh = tessellate(store.get_part(part), chord_error, faces=np.array([row]), workers=workers)
@@ -99,11 +115,4 @@ def build_surface_lod(store: TypedStore, surface_id: int, level: int, workers: i
         np.arange(0 if len(mesh.triangles) else len(mesh.positions), dtype=np.uint32),
         Ledger(float(mesh.surface_error[0]), float(mesh.trim_error[0]), float(mesh.pcurve_error[0])),
     )
-    data = encoded(content, level, codec_of(store))
-    record = np.zeros(1, LOD_DTYPE)
-    record["level"], record["geometric_error"] = level, tile_ledger(data).total
-    record["tile_hash"], record["tile_bytes"] = tile_hash(data).encode(), len(data)
-    record["n_triangles"] = tile_counts(data)[1]
-    store.put_tiles([(tile_hash(data), data)])
-    store.put_lods(surface_id, record)
-    return record[0], data
+    return encoded(content, level, codec_of(store))

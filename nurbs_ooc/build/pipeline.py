@@ -175,6 +175,7 @@ def _plan(inputs: Sequence[Path], codec: str) -> dict[str, Any]:
         "inputs": [fingerprint(path) for path in inputs],
         "tunables": {
             "edge_over_error": tunables.EDGE_OVER_ERROR,
+            "primitives_per_node": tunables.PRIMITIVES_PER_NODE,
             "shares": [
                 tunables.SHARES.tessellation_levels,
                 tunables.SHARES.quantisation,

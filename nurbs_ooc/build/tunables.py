@@ -12,6 +12,13 @@ two: it covers r / 4 to r / 2 pixels (128 to 256) when it becomes active and twi
 r means fewer nodes and direct surfaces in a view but more primitives in each; docs/build.md has the figures.
 """
 
+PRIMITIVES_PER_NODE = 1 << 16
+"""Triangles, lines and points of a node at most: r^2 / 4, one for four of the pixels that it covers at its largest.
+
+Where a node's budget gives more, its clustering is coarsened and its error is larger than its budget: it gives way to
+its children earlier. docs/build.md has the figures.
+"""
+
 STEP_LEVELS = 6
 """A tile's positions lie on a grid of 2**-6 of its budget: 2 r budgets need 16 bits, and rounding costs
 0.0136 budgets. Tiles of one level share the grid, so positions that are equal stay equal in all of them."""

@@ -15,6 +15,7 @@ from nurbs_ooc.export.face_tally import FaceTally
 from nurbs_ooc.export.glb import GlbWriter
 from nurbs_ooc.export.gltf_space import stretch
 from nurbs_ooc.export.part_mesh import part_mesh
+from nurbs_ooc.export.smallest_angles import AngleCount
 from nurbs_ooc.readers.assembly import AssemblyReader, Part
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.tessellate import tessellate
@@ -52,7 +53,7 @@ def write_mesh_file(
         stage: context manager that times ``read``, ``tessellate`` and ``write``.
         on_part: called after each part.
     """
-    tally = FaceTally()
+    tally, angles = FaceTally(), AngleCount()
     parts: list[dict[str, Any]] = []
     with atomic_file(path) as temporary, GlbWriter(path.parent) as writer:
         for part in _timed(assembly.parts(), stage):
@@ -63,6 +64,7 @@ def write_mesh_file(
                 drawn = part_mesh(mesh, part.geometry.surfaces["material"])
                 writer.add_part(part.index, part.info, drawn)
                 error_mm = drawn.float32_error * largest
+            angles.add(mesh.positions, mesh.triangles)
             tally.add(part.geometry, mesh, part.info.first_surface, largest)
             parts.append(
                 {
@@ -85,6 +87,7 @@ def write_mesh_file(
         **{k: sum(p[k] for p in parts) for k in ("triangles", "points", "vertices", "boundary_edges")},
         "lines": 0,
         "certified_error_mm": tally.certified_error + max((p["float32_error_mm"] for p in parts), default=0.0),
+        "smallest_angle_deg": angles.as_json(),
         "bytes": n_bytes,
         "surfaces": sum(p["faces"] for p in parts),
         "occurrences": len(assembly.occurrences),

@@ -11,7 +11,7 @@ The tessellation's share is a power of two, so that its meshes lie on the ladder
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -74,6 +74,16 @@ class NodeBudget:
             allowance,
             allowance / HALF_DIAGONAL,
             SMALL_AREA_PX * (PIXEL * error) ** 2,
+        )
+
+    def coarser(self, factor: float) -> NodeBudget:
+        """Clustering that moves primitives ``factor`` times as far; the tessellation stays."""
+        return replace(
+            self,
+            error=self.error * factor,
+            allowance=self.allowance * factor,
+            cell=self.cell * factor,
+            small_area=self.small_area * factor**2,
         )
 
     def surface_levels(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_cache.jit import helper
+from nurbs_cache.jit import helper, leaf
 
 EMPTY = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 GOLDEN = np.uint64(0x9E37_79B9_7F4A_7C15)  # 2**64 divided by the golden ratio
@@ -26,7 +26,7 @@ def new_table(n: int) -> npt.NDArray[np.uint64]:
     return np.full(size, EMPTY, np.uint64)
 
 
-@helper
+@leaf
 def find_slot(table: npt.NDArray[np.uint64], key: np.uint64) -> int:
     """The slot that holds ``key``, or the empty one where it belongs."""
     mask = len(table) - 1

@@ -195,19 +195,42 @@ def _place(
     return n_points
 
 
+@kernel
+def _counts(slots: npt.NDArray[np.void]) -> tuple[int, int, int]:
+    """Vertices, triangles and segments of some slots."""
+    vertices, triangles, segments = 0, 0, 0
+    for i in range(len(slots)):
+        vertices += slots[i]["n_vertices"]
+        triangles += slots[i]["n_triangles"]
+        segments += slots[i]["n_segments"]
+    return vertices, triangles, segments
+
+
 def place(
-    pool: MeshPool, slots: npt.NDArray[np.int64], placements: Placements, placement: npt.NDArray[np.int64]
+    pool: MeshPool,
+    taken: npt.NDArray[np.void],
+    placements: Placements,
+    placement: npt.NDArray[np.int64],
+    extra: int = 0,
 ) -> Soup:
-    """The meshes ``slots`` of the pool, each placed by the row ``placement`` of the transforms."""
-    taken = pool.slots[slots]
-    n = int(taken["n_vertices"].sum(dtype=np.int64))
+    """Meshes of the pool, the i-th placed by the row ``placement[i]`` of the transforms.
+
+    Args:
+        pool: has their words.
+        taken: (n,) ``SLOT_DTYPE``: their slots.
+        placements: one row per occurrence.
+        placement: (n,) rows in it.
+        extra: so many points more, the last vertices; the caller fills in their positions and normals.
+    """
+    n_meshed, n_triangles, n_segments = _counts(taken)
+    n = n_meshed + extra
     positions, normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
-    triangles = np.empty((int(taken["n_triangles"].sum(dtype=np.int64)), 3), np.int32)
-    segments = np.empty((int(taken["n_segments"].sum(dtype=np.int64)), 2), np.int32)
+    triangles, segments = np.empty((n_triangles, 3), np.int32), np.empty((n_segments, 2), np.int32)
     points = np.empty(n, np.int32)
     n_points = _place(
         taken, placement, pool.words.view(np.float64), pool.words.view(np.float32), pool.words.view(np.int32),
         placements.points, placements.normals, placements.mirrored,
         positions, normals, triangles, segments, points,
     )  # fmt: skip
-    return Soup(positions, normals, triangles, segments, points[:n_points])
+    points[n_points : n_points + extra] = np.arange(n - extra, n)
+    return Soup(positions, normals, triangles, segments, points[: n_points + extra])

@@ -23,6 +23,9 @@ from nurbs_ooc.hlod.mesh_pool import MeshPool, place
 from nurbs_ooc.hlod.primitives import simplify
 from nurbs_ooc.hlod.soup import Soup
 
+COARSENING = 2.0**0.5  # steps of a node's cell; a smaller one gains little, a larger one overshoots
+FEWEST = 256  # primitives; eight cells, as a grid of huge cells has, make fewer
+
 
 def diagonals(items: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
     """(n,) diagonals of the boxes of ``ITEM_DTYPE`` rows, mm."""
@@ -50,54 +53,98 @@ class SurfacePoints:
         return cls(middles, items["normal"], 0.5 * float(diagonals(items).max(initial=0.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedMeshes:
+    """The items of a node that are larger than the error, with their meshes.
+
+    Attributes:
+        items: (n,) ``ITEM_DTYPE``.
+        slots: (n,) ``SLOT_DTYPE``: the mesh of each; one without vertices becomes a point.
+        occurrence: (n,) int64 row of each in the occurrences.
+        errors: (n, 3) surface, trim and p-curve error of each, mm, assembly space.
+    """
+
+    items: npt.NDArray[np.void]
+    slots: npt.NDArray[np.void]
+    occurrence: npt.NDArray[np.int64]
+    errors: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, items: npt.NDArray[np.void], slots: npt.NDArray[np.void], placements: Placements) -> PlacedMeshes:
+        """From the items and their slots."""
+        occurrence = items["occurrence"].astype(np.int64)
+        return cls(items, slots, occurrence, slots["errors"] * placements.stretch[occurrence, None])
+
+    def __getitem__(self, rows: slice | npt.NDArray[np.bool_]) -> PlacedMeshes:
+        return PlacedMeshes(self.items[rows], self.slots[rows], self.occurrence[rows], self.errors[rows])
+
+
 def node_content(
-    items: npt.NDArray[np.void],
-    slots: npt.NDArray[np.int64],
+    meshes: PlacedMeshes,
     points: SurfacePoints,
     pool: MeshPool,
     placements: Placements,
     origin: npt.NDArray[np.float64],
     budget: NodeBudget,
+    most: int,
 ) -> TileContent:
     """Assemble one node.
 
     Args:
-        items: (n,) ``ITEM_DTYPE``: the items of the subtree that are larger than the error.
-        slots: (n,) the mesh of each in the pool; a mesh without vertices becomes a point.
+        meshes: the items of the subtree that are larger than the error.
         points: the other items.
         pool: meshes in part space.
         placements: one row per occurrence.
         origin: (3,) corner of the clustering grid, mm.
         budget: of the node's level.
+        most: triangles, lines and points together that the node may have; where the budget gives more, its
+            clustering is coarsened until they fit, and what that costs is charged.
     """
-    drawn = pool.slots["n_vertices"][slots] > 0
-    mesh_slots, occurrence = slots[drawn], items["occurrence"][drawn].astype(np.int64)
-    without_mesh = SurfacePoints.of_items(items[~drawn])
-    soup = _with_points(place(pool, mesh_slots, placements, occurrence), points, without_mesh)
-    clusters = cluster_vertices(soup.positions, soup.normals, origin, budget.cell)
-    simple, moved = simplify(soup, clusters, budget.small_area, budget.allowance)
-    errors = pool.slots["errors"][mesh_slots] * placements.stretch[occurrence, None]
-    ledger = _ledger(errors, max(points.reach, without_mesh.reach), moved)
+    drawn = meshes.slots["n_vertices"] > 0
+    parts = [points]
+    if not drawn.all():
+        parts.append(SurfacePoints.of_items(meshes.items[~drawn]))
+        meshes = meshes[drawn]
+    n_points = sum(len(part.positions) for part in parts)
+    soup = place(pool, meshes.slots, placements, meshes.occurrence, n_points)
+    _fill_points(soup, parts)
+    simple, moved = reduced(soup, origin, budget, most)
     return TileContent(
         simple.positions,
         simple.normals,
-        simple.triangles.astype(np.uint32),
-        simple.lines.astype(np.uint32),
-        simple.points.astype(np.uint32),
-        ledger,
+        simple.triangles.view(np.uint32),
+        simple.lines.view(np.uint32),
+        simple.points.view(np.uint32),
+        _ledger(meshes.errors, max(part.reach for part in parts), moved),
     )
 
 
-def _with_points(soup: Soup, *points: SurfacePoints) -> Soup:
-    """Append points to a soup."""
-    n, n_points = len(soup.positions), sum(len(part.positions) for part in points)
-    return Soup(
-        np.concatenate([soup.positions, *(part.positions for part in points)]),
-        np.concatenate([soup.normals, *(part.normals for part in points)]),
-        soup.triangles,
-        soup.lines,
-        np.concatenate([soup.points, np.arange(n, n + n_points, dtype=np.int32)]),
-    )
+def reduced(soup: Soup, origin: npt.NDArray[np.float64], budget: NodeBudget, most: int) -> tuple[Soup, float]:
+    """Cluster and simplify until there are at most ``most`` primitives; also how far any moved, mm.
+
+    A surface's primitives become fewer with the square of the cell: the first guess is usually the last. It ends,
+    for all that is in cells larger than the whole is a handful of primitives.
+    """
+    factor = 1.0
+    while True:
+        tried = budget if factor == 1.0 else budget.coarser(factor)
+        clusters = cluster_vertices(soup.positions, soup.normals, origin, tried.cell)
+        simple, moved = simplify(soup, clusters, tried.small_area, tried.allowance)
+        excess = (len(simple.triangles) + len(simple.lines) + len(simple.points)) / max(most, FEWEST)
+        if excess <= 1.0:
+            return simple, moved
+        reached = factor
+        while factor < reached * np.sqrt(excess):
+            factor *= COARSENING
+
+
+def _fill_points(soup: Soup, parts: list[SurfacePoints]) -> None:
+    """Write points to the last vertices of a soup."""
+    at = len(soup.positions) - sum(len(part.positions) for part in parts)
+    for part in parts:
+        end = at + len(part.positions)
+        soup.positions[at:end], soup.normals[at:end] = part.positions, part.normals
+        at = end
 
 
 def _ledger(errors: npt.NDArray[np.float64], worst_point: float, moved: float) -> Ledger:
@@ -110,7 +157,9 @@ def _ledger(errors: npt.NDArray[np.float64], worst_point: float, moved: float) -
         worst_point: mm: the largest distance of a surface to the point that stands for it.
         moved: mm.
     """
-    if not len(errors) or worst_point >= errors.sum(axis=1).max():
+    totals = errors[:, 0] + errors[:, 1] + errors[:, 2]
+    worst = int(totals.argmax()) if len(totals) else -1
+    if worst < 0 or worst_point >= totals[worst]:
         return Ledger(surface=worst_point, cluster=moved)
-    surface, trim, pcurve = errors[errors.sum(axis=1).argmax()].tolist()
+    surface, trim, pcurve = errors[worst].tolist()
     return Ledger(surface, trim, pcurve, moved)

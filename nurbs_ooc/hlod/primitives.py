@@ -24,45 +24,58 @@ from nurbs_ooc.hlod.cluster import Clusters
 from nurbs_ooc.hlod.hashing import EMPTY, find_slot, new_table, pair_key
 from nurbs_ooc.hlod.soup import Soup
 
+CLEARLY = 1.0 + 1e-4  # ratio of squared areas: far more than rounding, for triangles of no more than a node's size
+
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int32]
 
 
-@helper
-def _square(a: Array, b: Array) -> float:
-    """Squared distance of two points."""
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+@leaf
+def _square(places: Array, p: int, q: int) -> float:
+    """Squared distance of two places."""
+    x, y, z = places[p, 0] - places[q, 0], places[p, 1] - places[q, 1], places[p, 2] - places[q, 2]
+    return float(x**2 + y**2 + z**2)
 
 
-@helper
-def _area(p: Array, q: Array, r: Array) -> float:
+@leaf
+def _area(places: Array, p: int, q: int, r: int) -> float:
     """Area of a triangle by Heron's formula, in Kahan's stable order."""
-    x, y, z = np.sqrt(_square(p, q)), np.sqrt(_square(q, r)), np.sqrt(_square(r, p))
+    x, y, z = np.sqrt(_square(places, p, q)), np.sqrt(_square(places, q, r)), np.sqrt(_square(places, r, p))
     a, c = max(x, y, z), min(x, y, z)
     b = max(min(x, y), min(max(x, y), z))
-    return 0.25 * np.sqrt(max(0.0, (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))))
+    return float(0.25 * np.sqrt(max(0.0, (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))))
 
 
-@helper
-def _reach(p: Array, q: Array, r: Array, area: float) -> float:
+@leaf
+def _surely_larger(centres: Array, a: int, b: int, c: int, area: float) -> bool:
+    """Whether a triangle of three cells is larger than ``area``, without roots; False where that is a close call."""
+    x0, y0, z0 = centres[a, 0], centres[a, 1], centres[a, 2]
+    x1, y1, z1 = centres[b, 0] - x0, centres[b, 1] - y0, centres[b, 2] - z0
+    x2, y2, z2 = centres[c, 0] - x0, centres[c, 1] - y0, centres[c, 2] - z0
+    x, y, z = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    return bool(x * x + y * y + z * z > CLEARLY * 4.0 * area * area)
+
+
+@leaf
+def _reach(places: Array, p: int, q: int, r: int, area: float) -> float:
     """Smallest radius at which discs around the corners cover the triangle.
 
     That is the circumradius if no angle is obtuse. Else the last point to be covered lies on the longest
     side, where the perpendicular bisector of one of the others crosses it.
     """
-    a, b, c = _square(q, r), _square(r, p), _square(p, q)
+    a, b, c = _square(places, q, r), _square(places, r, p), _square(places, p, q)
     longest = max(a, b, c)
     rest = a + b + c - longest
     if longest < rest and area > 0.0:
-        return np.sqrt(a * b * c) / (4.0 * area)
+        return float(np.sqrt(a * b * c) / (4.0 * area))
     other = min(max(a, b), max(b, c), max(a, c))  # the second longest
     # cos of the angle between the longest side and the second longest, by the law of cosines; the
     # bisector of the second longest crosses further out than that of the shortest.
     cosine = (longest + other - (rest - other)) / (2.0 * np.sqrt(longest * other)) if other > 0.0 else 1.0
-    return 0.5 * np.sqrt(other) / cosine
+    return float(0.5 * np.sqrt(other) / cosine)
 
 
-@helper
+@leaf
 def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, c: int, n: int) -> bool:
     """Insert the n-th kept triangle unless the same cells in the same sense are there already."""
     if b < a and b < c:
@@ -74,8 +87,8 @@ def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, 
     mixed = (mixed ^ np.uint64(c)) * np.uint64(0x165667B19E3779F9)
     slot = np.int64(mixed >> np.uint64(32)) & mask
     while table[slot] != EMPTY:
-        other = kept[np.int64(table[slot])]
-        if other[0] == a and other[1] == b and other[2] == c:
+        other = np.int64(table[slot])
+        if kept[other, 0] == a and kept[other, 1] == b and kept[other, 2] == c:
             return False
         slot = (slot + 1) & mask
     table[slot] = np.uint64(n)
@@ -83,7 +96,7 @@ def _is_new_triangle(table: npt.NDArray[np.uint64], kept: Rows, a: int, b: int, 
     return True
 
 
-@kernel
+@helper
 def _sort_triangles(
     triangles: Rows,
     cell: Rows,
@@ -115,8 +128,11 @@ def _sort_triangles(
             link_moved[n_links] = way
             n_links += 1
         else:
-            area = _area(centres[a], centres[b], centres[c])
-            reach = _reach(centres[a], centres[b], centres[c], area) if area <= small_area else np.inf
+            reach = np.inf
+            if not _surely_larger(centres, a, b, c, small_area):
+                area = _area(centres, a, b, c)
+                if area <= small_area:
+                    reach = _reach(centres, a, b, c, area)
             if way + reach <= allowance:
                 charge = max(charge, way + reach)
                 wants_point[a] = wants_point[b] = wants_point[c] = True
@@ -126,7 +142,7 @@ def _sort_triangles(
     return n_kept, n_links, charge
 
 
-@kernel
+@helper
 def _sort_connections(
     triangles: Rows,
     kept: npt.NDArray[np.bool_],
@@ -170,7 +186,7 @@ def _sort_connections(
         table[slot] = key
         if used[slot] >= (2 if is_line else 1):
             continue
-        reach = 0.5 * np.sqrt(_square(centres[a], centres[b]))
+        reach = 0.5 * np.sqrt(_square(centres, a, b))
         if used[slot] == 0 and way + reach <= allowance:
             charge = max(charge, way + reach)
             wants_point[a] = wants_point[b] = True
@@ -191,7 +207,7 @@ def _used(row: int, rank: Rows, source: Rows, n: int) -> int:
     return n
 
 
-@kernel
+@helper
 def _compact(
     triangles: Rows,
     kept: npt.NDArray[np.bool_],
@@ -240,7 +256,7 @@ def _compact(
     return n, n_points
 
 
-@kernel
+@leaf
 def _gather(
     source: Rows, clusters_positions: Array, normals: npt.NDArray[np.float32], cell_normals: npt.NDArray[np.float32],
     vertex_cell: Rows, positions: Array, new_normals: npt.NDArray[np.float32],
@@ -255,6 +271,53 @@ def _gather(
             new_normals[i, axis] = cell_normals[c, axis] if whole else normals[row, axis]
 
 
+@kernel
+def _simplify(
+    triangles: Rows,
+    lines: Rows,
+    points: Rows,
+    cell: Rows,
+    vertex: Rows,
+    moved: Array,
+    centres: Array,
+    normals: npt.NDArray[np.float32],
+    cell_normals: npt.NDArray[np.float32],
+    vertex_cell: Rows,
+    small_area: float,
+    allowance: float,
+) -> tuple[Array, npt.NDArray[np.float32], Rows, Rows, Rows, float]:
+    """Positions, normals, triangles, lines and points of the new soup, and the furthest that any moved."""
+    n_cells, n_triangles = len(centres), len(triangles)
+    # triangles that stay, that become points, that become connections
+    wants_point = np.zeros(n_cells, np.bool_)
+    for i in range(len(points)):
+        wants_point[cell[points[i]]] = True
+    kept = np.zeros(n_triangles, np.bool_)
+    links, link_moved = np.empty((n_triangles, 2), np.int32), np.empty(n_triangles)
+    n_kept, n_links, charge = _sort_triangles(
+        triangles, cell, moved, centres, small_area, allowance, kept, wants_point, links, link_moved
+    )
+    # connections and boundary lines that stay
+    connections = np.empty((len(lines) + n_links, 2), np.int32)
+    n_lines, charge_lines = _sort_connections(
+        triangles, kept, n_kept, lines, cell, moved, links[:n_links], link_moved, centres, allowance, wants_point,
+        connections,
+    )  # fmt: skip
+    # what is left, in new numbers
+    new_triangles, new_lines = np.empty((n_kept, 3), np.int32), np.empty((n_lines, 2), np.int32)
+    new_points, source = np.empty(n_cells, np.int32), np.empty(len(vertex_cell) + n_cells, np.int32)
+    n, n_points = _compact(
+        triangles, kept, vertex, vertex_cell, connections[:n_lines], wants_point, new_triangles, new_lines, new_points,
+        source,
+    )  # fmt: skip
+    positions, new_normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
+    _gather(source[:n], centres, normals, cell_normals, vertex_cell, positions, new_normals)
+    furthest = max(charge, charge_lines)
+    for v in range(len(moved)):
+        furthest = max(furthest, moved[v])
+    return positions, new_normals, new_triangles, new_lines, new_points[:n_points].copy(), furthest
+
+
 def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float) -> tuple[Soup, float]:
     """Keep what is drawn of a clustered soup.
 
@@ -267,30 +330,8 @@ def simplify(soup: Soup, clusters: Clusters, small_area: float, allowance: float
     Returns:
         The new soup, its vertices in order of use, and how far (mm) any primitive moved at most.
     """
-    n_cells, n_triangles = len(clusters.positions), len(soup.triangles)
-    wants_point = np.zeros(n_cells, np.bool_)
-    wants_point[clusters.cell[soup.points]] = True
-    kept = np.zeros(n_triangles, np.bool_)
-    links, link_moved = np.empty((n_triangles, 2), np.int32), np.empty(n_triangles)
-    n_kept, n_links, charge = _sort_triangles(
-        soup.triangles, clusters.cell, clusters.moved, clusters.positions, small_area, allowance, kept, wants_point,
-        links, link_moved,
+    positions, normals, triangles, lines, points, moved = _simplify(
+        soup.triangles, soup.lines, soup.points, clusters.cell, clusters.vertex, clusters.moved, clusters.positions,
+        clusters.normals, clusters.cell_normals, clusters.vertex_cell, small_area, allowance,
     )  # fmt: skip
-    connections = np.empty((len(soup.lines) + n_links, 2), np.int32)
-    n_lines, charge_lines = _sort_connections(
-        soup.triangles, kept, n_kept, soup.lines, clusters.cell, clusters.moved, links[:n_links], link_moved,
-        clusters.positions, allowance, wants_point, connections,
-    )  # fmt: skip
-    triangles, lines = np.empty((n_kept, 3), np.int32), np.empty((n_lines, 2), np.int32)
-    points, source = np.empty(n_cells, np.int32), np.empty(len(clusters.vertex_cell) + n_cells, np.int32)
-    n, n_points = _compact(
-        soup.triangles, kept, clusters.vertex, clusters.vertex_cell, connections[:n_lines], wants_point,
-        triangles, lines, points, source,
-    )  # fmt: skip
-    positions, normals = np.empty((n, 3)), np.empty((n, 3), np.float32)
-    _gather(
-        source[:n], clusters.positions, clusters.normals, clusters.cell_normals, clusters.vertex_cell,
-        positions, normals,
-    )  # fmt: skip
-    moved = max(float(clusters.moved.max(initial=0.0)), charge, charge_lines)
-    return Soup(positions, normals, triangles, lines, points[:n_points]), moved
+    return Soup(positions, normals, triangles, lines, points), moved

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.measure.ascent import climb, worst_of_each
-from nurbs_ooc.measure.certify_far import nowhere_near
+from nurbs_ooc.measure.certify_far import FarProof
 from nurbs_ooc.measure.closest import ClosestPrimitive, as_primitives
 from nurbs_ooc.measure.exact_surface import normals, points
 from nurbs_ooc.measure.face_sampler import sample_faces
@@ -188,6 +188,7 @@ class _Attack:
     def _mesh_to_surface(self) -> None:
         mesh, report = self.mesh, self.report
         self.finder = FootFinder(self.region)
+        self.far = FarProof(self.region)
         corner = mesh.positions[mesh.triangles]
         areas = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
         face, triangle, weight = sample_triangles(areas, mesh.triangle_start, self.samples, self.rng)
@@ -225,7 +226,7 @@ class _Attack:
                 to_face, to_boundary = self.finder.search(p, f, distance)
                 distance = min(distance, to_face)
             if distance > limit:
-                if not nowhere_near(self.region, f, p, limit, to_boundary):
+                if not self.far.nowhere_near(f, p, limit, to_boundary):
                     self.report.undecided += 1
                     continue
                 self._record(i, "mesh to surface", distance, None, p)

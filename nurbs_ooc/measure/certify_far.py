@@ -18,6 +18,8 @@ import numpy.typing as npt
 from nurbs_cache.surface_record import CurveKind, SurfaceKind
 from nurbs_ooc.measure.trim_region import TrimRegion
 
+Floats = npt.NDArray[np.float64]
+
 CAUTION = 1.5
 FAR_APART = 16.0  # weights
 FIRST_CELLS = 24  # per direction, before anything is discarded
@@ -25,51 +27,61 @@ SMALL = 1e-3  # of the limit: a cell of this reach that remains settles it
 MAX_CELLS = 100_000
 
 
-def nowhere_near(region: TrimRegion, face: int, p: npt.NDArray[np.float64], limit: float, to_boundary: float) -> bool:
-    """True if no point of a face is within ``limit`` of a point; False if that is not proven.
+class FarProof:
+    """Proofs for points and the faces of a region; a face's first cells are measured when they are first needed.
 
     Args:
-        region: has the face.
-        face: its index in there.
-        p: (3,) mm.
-        limit: mm.
-        to_boundary: mm; distance of ``p`` to the face's boundary curves.
+        region: has the faces.
     """
-    centre, half = _first_cells(region, face)
-    caution = CAUTION * _weight_ratio(region, face)
-    while len(centre):
-        distance, reach = _distance_and_reach(region, face, p, centre, half)
-        reach *= caution
-        live = np.flatnonzero(distance - reach <= limit)
-        cut_off = (distance + reach < to_boundary)[live] & ~region.contains(face, centre[live])
-        live = live[~cut_off]
-        centre, half, reach = centre[live], half[live], reach[live]
-        if (reach <= SMALL * limit).any() or len(centre) > MAX_CELLS:
-            return False
-        half = half / 2
-        centre = np.concatenate([centre + np.array([i, j]) * half for i in (-1, 1) for j in (-1, 1)])
-        half = np.tile(half, (4, 1))
-    return True
+
+    def __init__(self, region: TrimRegion) -> None:
+        self._region = region
+        self._first: dict[int, tuple[Floats, Floats, Floats, Floats]] = {}
+
+    def nowhere_near(self, face: int, p: Floats, limit: float, to_boundary: float) -> bool:
+        """True if no point of a face is within ``limit`` of a point; False if that is not proven.
+
+        Args:
+            face: its index in the region.
+            p: (3,) mm.
+            limit: mm.
+            to_boundary: mm; distance of ``p`` to the face's boundary curves.
+        """
+        region = self._region
+        caution = CAUTION * _weight_ratio(region, face)
+        if face not in self._first:
+            centre, half = _first_cells(region, face)
+            self._first[face] = (centre, half, *_middle_and_reach(region, face, centre, half))
+        centre, half, middle, reach = self._first[face]
+        while len(centre):
+            distance, reach = np.linalg.norm(middle - p, axis=1), reach * caution
+            live = np.flatnonzero(distance - reach <= limit)
+            cut_off = (distance + reach < to_boundary)[live] & ~region.contains(face, centre[live])
+            live = live[~cut_off]
+            centre, half, reach = centre[live], half[live], reach[live]
+            if (reach <= SMALL * limit).any() or len(centre) > MAX_CELLS:
+                return False
+            half = half / 2
+            centre = np.concatenate([centre + np.array([i, j]) * half for i in (-1, 1) for j in (-1, 1)])
+            half = np.tile(half, (4, 1))
+            middle, reach = _middle_and_reach(region, face, centre, half)
+        return True
 
 
-def _distance_and_reach(
-    region: TrimRegion,
-    face: int,
-    p: npt.NDArray[np.float64],
-    centre: npt.NDArray[np.float64],
-    half: npt.NDArray[np.float64],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _middle_and_reach(region: TrimRegion, face: int, centre: Floats, half: Floats) -> tuple[Floats, Floats]:
+    """(n, 3) the points in the middle of cells, and (n,) how far others may be from there, by nine tangents, mm."""
     speed = np.zeros((len(centre), 2))
+    middle = np.zeros((len(centre), 3))
     for i in (-1, 0, 1):
         for j in (-1, 0, 1):
             d = region.placed.derivatives(face, centre + np.array([i, j]) * half)
             speed = np.maximum(speed, np.linalg.norm(d[:, 1:], axis=2))
             if i == 0 and j == 0:
-                distance = np.linalg.norm(d[:, 0] - p, axis=1)
-    return distance, (speed * half).sum(axis=1)
+                middle = d[:, 0]
+    return middle, (speed * half).sum(axis=1)
 
 
-def _knots(region: TrimRegion, face: int) -> list[npt.NDArray[np.float64]]:
+def _knots(region: TrimRegion, face: int) -> list[Floats]:
     """Knots of a face's surface in u and in v, of its profile if it sweeps one."""
     g = region.placed.geometry
     s = g.surfaces[region.placed.rows[face]]
@@ -84,7 +96,7 @@ def _knots(region: TrimRegion, face: int) -> list[npt.NDArray[np.float64]]:
     return [knots, none] if s["kind"] == SurfaceKind.EXTRUSION else [none, knots]
 
 
-def _first_cells(region: TrimRegion, face: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _first_cells(region: TrimRegion, face: int) -> tuple[Floats, Floats]:
     """(n, 2) centres and half sizes of cells that cover a face's parameter box."""
     centres, halves = [], []
     for k, knots in enumerate(_knots(region, face)):

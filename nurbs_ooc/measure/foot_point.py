@@ -3,7 +3,7 @@
 Per point and candidate face, two feet are sought: one inside, from the nearest rough triangle of the
 face downhill, and one on the boundary, along the nearest piece of it. The nearer counts. A point that
 stays too far from all candidates is worth ``search``, which begins from every triangle and every piece
-that could reach it; what is then still too far goes to ``nowhere_near`` of ``certify_far``.
+that could reach it; what is then still too far goes to ``FarProof`` of ``certify_far``.
 
 A foot found is a proof that the distance is no larger; that none was found proves nothing.
 

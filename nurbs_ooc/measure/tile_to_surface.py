@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nurbs_ooc.measure.certify_far import nowhere_near
+from nurbs_ooc.measure.certify_far import FarProof
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.mesh_sampler import CENTROID, CORNERS, MIDDLES
 from nurbs_ooc.measure.tile_task import TileTask
@@ -39,6 +39,7 @@ class _DrawnAttack:
     def __init__(self, task: TileTask) -> None:
         self.task = task
         self.finder = FootFinder(task.region)
+        self.far = FarProof(task.region)
 
     def run(self, p: Floats, triangle: Indices) -> None:
         distance = self._measure(p)
@@ -106,7 +107,7 @@ class _DrawnAttack:
         distance = min([distance, *(to_face for to_face, _ in found)])
         if distance > task.limit:
             for f, (_, to_boundary) in zip(faces, found, strict=True):
-                if not nowhere_near(task.region, int(f), p, task.limit, to_boundary):
+                if not self.far.nowhere_near(int(f), p, task.limit, to_boundary):
                     task.finding.undecided += 1
                     return False
             task.broken("mesh to surface", distance, p)

@@ -64,6 +64,8 @@ READY, NEEDS_SAMPLES, NO_ROOM = 0, 1, 2
 MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
 SPARE_POINTS = 4096.0
+# Segments that cross are cut into so many parts a round: webs down to a millionth are told apart in time.
+CROSSED_PARTS = 3
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 
@@ -154,8 +156,8 @@ def _constrain(
         if p != q and not insert_constraint(t, p, q, pairs, crossed):
             lost += 1
             longest = max(longest, segment_length(b, i))
-            _ask(b, i, 2, wanted)
-            _ask_between(b, owner, crossed[0], crossed[1], 2, wanted)
+            _ask(b, i, CROSSED_PARTS, wanted)
+            _ask_between(b, owner, crossed[0], crossed[1], CROSSED_PARTS, wanted)
     return lost, longest
 
 

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.mesh_decoder import decode_mesh
-from nurbs_cache.planes import encode_normals
+from nurbs_cache.planes import encode_vertices
 from nurbs_cache.quantise import (
     box_of,
     choose_grid,
@@ -131,7 +131,8 @@ def _through(normals: np.ndarray, bits: int) -> np.ndarray:
     n = len(normals)
     octahedral = quantise_normals(np.ascontiguousarray(normals, np.float32), bits)
     predictors = np.repeat(np.maximum(np.arange(n) - 1, 0).astype(np.int32)[:, None], 3, axis=1)
-    planes = encode_normals(octahedral, np.arange(n, dtype=np.int32), predictors, bits)
+    steps, order = np.zeros((n, 3), np.int32), np.arange(n, dtype=np.int32)
+    _, planes = encode_vertices(steps, octahedral, order, predictors, (0, 0, 0), bits)
     none, flat = np.zeros(0, np.uint8), np.zeros(3 * n, np.uint8)
     parts = planes[0].reshape(-1), planes[1:].reshape(-1)
     return decode_mesh(none, none, (flat, none), parts, n, (0, 0, 0), 1.0, bits).normals

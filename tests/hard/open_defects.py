@@ -9,7 +9,5 @@ OPEN_DEFECTS = frozenset(
     {
         # A knot of multiplicity p + 1 is refused instead of drawn as two components.
         "knot_p+1_two_components",
-        # Its web is drawn by the even-odd rule at one error.
-        "near_hole_web_5e-07",
     }
 )

@@ -21,6 +21,7 @@ from nurbs_ooc.build.on_demand import build_node_tile
 from nurbs_ooc.build.report import contents
 from nurbs_ooc.build.target import partial_path
 from nurbs_ooc.geometry.surface import evaluate
+from nurbs_ooc.measure.verify_cache import verify_cache
 from tests.ooc.distances import samples_of, to_drawn
 from tests.ooc.scenes import ball, hash_of, peg_board, run_build, write_scene
 
@@ -88,6 +89,23 @@ def test_budgets_are_kept_and_parents_promise_no_less(built: Path) -> None:
             if node["parent"] >= 0:
                 assert nodes["geometric_error"][node["parent"]] >= node["geometric_error"]
     assert len(nodes) > 5
+
+
+def test_a_bound_of_primitives_holds_and_the_errors_stay_honest(
+    source: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tunables, "PRIMITIVES_PER_NODE", 300)
+    run_build(source, tmp_path / "bound")
+    with Store.open(tmp_path / "bound") as store, Store.open(built) as free:
+        nodes, before = store.get_nodes(), free.get_nodes()
+        was_larger = before["n_triangles"] + before["n_lines"] + before["n_points"] > 300
+        assert 0 < was_larger.sum() < len(nodes)
+        assert (nodes["n_triangles"] + nodes["n_lines"] + nodes["n_points"] <= 300).all()
+        assert (nodes["tile_hash"][~was_larger] == before["tile_hash"][~was_larger]).all()
+        assert (nodes["geometric_error"][was_larger] > before["geometric_error"][was_larger]).all()
+        inner = nodes["parent"] >= 0
+        assert (nodes["geometric_error"][nodes["parent"][inner]] >= nodes["geometric_error"][inner]).all()
+        assert not verify_cache(store, samples=20_000).violations
 
 
 def test_counts_in_the_node_table_are_those_of_the_tiles(built: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from nurbs_ooc.hlod.budget import NodeBudget, Shares
 from nurbs_ooc.hlod.cluster import Clusters, cluster_vertices
+from nurbs_ooc.hlod.node import FEWEST, reduced
 from nurbs_ooc.hlod.primitives import simplify
 from nurbs_ooc.hlod.soup import Soup
 from tests.ooc.distances import samples_of, to_drawn
@@ -54,6 +55,35 @@ def test_sphere_moves_no_further_than_charged(error: float) -> None:
     after, charged = reduce(before, error)
     assert charged <= error * (1 + 1e-12)
     check_within(before, after, charged)
+
+
+@pytest.mark.parametrize("most", [0, 300, 10_000])
+def test_a_bound_of_primitives_holds_and_what_it_costs_is_charged(most: int) -> None:
+    shares = Shares(tessellation_levels=1, quantisation=0.01, point_diagonal=1.0, coarsest_mesh=4)
+    before, budget = sphere(10), NodeBudget.of_level(-9, shares)
+    whole, _ = reduced(before, before.positions.min(axis=0), budget, 10**9)
+    assert len(whole.triangles) > 300
+    after, charged = reduced(before, before.positions.min(axis=0), budget, most)
+    n = len(after.triangles) + len(after.lines) + len(after.points)
+    assert n <= max(most, FEWEST)
+    assert (charged <= budget.allowance * (1 + 1e-12)) == (most == 10_000)
+    assert charged < 3.0  # no coarser than the sphere itself
+    check_within(before, after, charged)
+    if most == 10_000:
+        assert (after.positions == whole.positions).all()
+
+
+def test_a_bound_holds_where_cells_are_far_apart() -> None:
+    """Ten thousand scattered specks have no surface whose primitives fall with the square of the cell."""
+    random = np.random.default_rng(2)
+    places = random.uniform(0.0, 1000.0, (10_000, 3))
+    corners = places[:, None] + random.uniform(0.0, 1e-3, (10_000, 3, 3))
+    before = soup_of(corners, np.arange(30_000))
+    shares = Shares(tessellation_levels=1, quantisation=0.01, point_diagonal=1.0, coarsest_mesh=4)
+    after, charged = reduced(before, before.positions.min(axis=0), NodeBudget.of_level(0, shares), 500)
+    assert 0 < len(after.triangles) + len(after.lines) + len(after.points) <= 500
+    drawn = after.positions, after.triangles, after.lines, after.points
+    assert to_drawn(places[::50], *drawn).max() <= charged + 1e-2
 
 
 @pytest.mark.parametrize("seed", range(6))

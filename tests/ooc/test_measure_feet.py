@@ -11,7 +11,7 @@ from nurbs_cache.surface_record import SurfaceKind
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import SurfaceForm
 from nurbs_ooc.geometry.sample_faces import add_face
-from nurbs_ooc.measure.certify_far import nowhere_near
+from nurbs_ooc.measure.certify_far import FarProof
 from nurbs_ooc.measure.face_cells import face_cells
 from nurbs_ooc.measure.foot_point import FootFinder
 from nurbs_ooc.measure.trim_region import TrimRegion
@@ -108,13 +108,13 @@ def test_cells_cover_what_is_inside_and_little_else() -> None:
 @pytest.mark.parametrize("gap", [3e-3, 1e-1, 1.0])
 def test_what_is_far_is_proven_and_what_is_near_never(gap: float) -> None:
     region = TrimRegion(plate_with_hole(), [0], 1e-6)
-    finder = FootFinder(region)
+    finder, far = FootFinder(region), FarProof(region)
     inside_hole = np.array([8.0 - 0.5, 5.0, 0.0])  # half a millimetre from the rim
     above = np.array([1.0, 1.0, 0.5])
     for p in (inside_hole, above):
         _, to_boundary = finder.search(p, 0, 1.0)
-        assert nowhere_near(region, 0, p, 0.5 / (1 + gap), to_boundary)
-        assert not nowhere_near(region, 0, p, 0.5 * (1 + 1e-6), to_boundary)
+        assert far.nowhere_near(0, p, 0.5 / (1 + gap), to_boundary)
+        assert not far.nowhere_near(0, p, 0.5 * (1 + 1e-6), to_boundary)
 
 
 def test_a_strip_between_close_knots_is_not_overlooked() -> None:
@@ -124,7 +124,7 @@ def test_a_strip_between_close_knots_is_not_overlooked() -> None:
     builder = BatchBuilder()
     knots = np.array([0, 0, 0.3, 0.300001, 1, 1.0])
     add_face(builder, SurfaceForm.nurbs(1, 1, knots, np.array([0, 0, 1, 1.0]), net))
-    region = TrimRegion(builder.build(), [0], 1e-6)
+    far = FarProof(TrimRegion(builder.build(), [0], 1e-6))
     for height in (2.0, 4.0, 7.0):
-        assert not nowhere_near(region, 0, np.array([4.0, 0.5, height]), 0.1, 0.5)
-    assert nowhere_near(region, 0, np.array([5.0, 0.5, 4.0]), 0.5, 1.0)
+        assert not far.nowhere_near(0, np.array([4.0, 0.5, height]), 0.1, 0.5)
+    assert far.nowhere_near(0, np.array([5.0, 0.5, 4.0]), 0.5, 1.0)

@@ -67,6 +67,8 @@ def test_report(meshed: tuple[Path, dict[str, Any]]) -> None:
     assert report["bytes"] == path.stat().st_size
     assert report["triangles"] == sum(part["triangles"] for part in report["parts"]) > 100
     assert set(report["seconds"]) >= {"read", "tessellate", "write", "total"}
+    angles = report["smallest_angle_deg"]
+    assert 0.0 < angles["min"] <= angles["p1"] + 0.05 <= angles["median"] + 0.05 <= 60.0
     assert report["peak_rss_mib"] > 50
     assert report["workers"] >= 1
 
