@@ -7,7 +7,8 @@ with such knots have breaks too, for the creases alone: their bounds are in clos
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,7 @@ from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Run = Callable[[Callable[[int, int], Any], int], list[Any]]
 
 
 # Files end a face's domain a few units of roundoff beyond a knot: a cut span this thin, relative to the
@@ -201,15 +203,16 @@ def any_crease(p: Pieces, row: int) -> bool:
 
 
 @kernel
-def _fill(g: Tables, p: Pieces) -> None:
+def _fill(g: Tables, p: Pieces, low: int, high: int) -> None:
+    """Breaks, bounds and creases of surfaces low..high - 1."""
     nets = np.empty((2, (MAX_DEGREE + 1) * (MAX_DEGREE + 1) * 4))
     most = 16
-    for row in range(len(g.surfaces)):
+    for row in range(low, high):
         if p.table[row, N_U] > 0:
             most = max(most, g.surfaces[row].n_u * g.surfaces[row].n_v, p.table[row, N_U], p.table[row, N_V])
     spans = np.empty((2, most), dtype=np.int64)
     scratch = np.empty((3, 3 * most))
-    for row in range(len(g.surfaces)):
+    for row in range(low, high):
         n_u, n_v = p.table[row, N_U], p.table[row, N_V]
         if n_u == 0 or n_v == 0:
             continue
@@ -234,11 +237,12 @@ def _fill(g: Tables, p: Pieces) -> None:
         p.table[row, CREASED] = any_crease(p, row)
 
 
-def plain_pieces(g: Tables) -> Pieces:
+def plain_pieces(g: Tables, run: Run | None = None) -> Pieces:
     """The pieces of all B-spline surfaces of a part, with bounds; no strip is taken for a crease yet.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
+        run: maps a kernel over ranges of surfaces; by default it is called once.
 
     Returns:
         The pieces; tagged surfaces have none, or breaks alone.
@@ -247,7 +251,10 @@ def plain_pieces(g: Tables) -> Pieces:
     n_pieces, n_breaks = _lay_out(g, table)
     breaks, bounds, boxes = np.zeros((n_breaks, 4)), np.zeros((n_pieces, 5)), np.zeros((n_pieces, BOXES))
     pieces = Pieces(table, breaks, bounds, boxes, np.ones(n_pieces))
-    _fill(g, pieces)
+    if run is None:
+        _fill(g, pieces, 0, len(g.surfaces))
+    else:
+        run(lambda low, high: _fill(g, pieces, low, high), len(g.surfaces))
     return pieces
 
 

@@ -174,12 +174,13 @@ class Tessellator:
 
     Args:
         geometry: the part, whole: edges are sampled as all faces that use them need.
+        workers: threads that prepare it.
     """
 
-    def __init__(self, geometry: GeometryBatch) -> None:
+    def __init__(self, geometry: GeometryBatch, workers: int = 1) -> None:
         self._geometry = geometry
         self._g = sound_tables(tables(geometry))
-        self._pieces = PiecesByError(self._g)
+        self._pieces = PiecesByError(self._g, chunk_runner(workers))
         self._curves = curve_pieces(self._g)
         self._uses = edge_uses(self._g)
         self._beside = BesideEdgesByError(self._g, self._curves, self._uses.surface)
@@ -276,4 +277,4 @@ def tessellate(
         )
     if normal_error_deg is not None and not 0.0 < normal_error_deg <= 90.0:
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
-    return Tessellator(geometry).mesh(chord_error, faces=faces, workers=workers)
+    return Tessellator(geometry, workers).mesh(chord_error, faces=faces, workers=workers)
