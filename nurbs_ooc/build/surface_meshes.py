@@ -32,7 +32,7 @@ def mesh_levels(near: RunGeometry, keys: Keys, demanded: Keys, workers: int = 1)
     Returns:
         One pool a level, ascending levels.
     """
-    tessellator = Tessellator(near.geometry)
+    tessellator = Tessellator(near.geometry, workers)
     levels, demanded_levels = key_levels(keys), key_levels(demanded)
     pools = []
     for level in np.unique(levels).tolist():
