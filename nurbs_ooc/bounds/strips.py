@@ -69,8 +69,10 @@ class PiecesByError:
         self.changing = np.zeros(len(g.surfaces), np.bool_)
         _find_strips(g, self._plain, self.changing)
         self._rows = np.flatnonzero(self.changing)
-        copies = {name: getattr(self._plain, name).copy() for name in ("table", "breaks", "bounds", "boxes")}
-        self._marked = self._plain._replace(**copies) if len(self._rows) else self._plain
+        self._marked = self._plain
+        if len(self._rows):
+            copies = {name: getattr(self._plain, name).copy() for name in ("table", "breaks", "bounds", "boxes")}
+            self._marked = self._plain._replace(**copies)
 
     def at(self, error: float) -> Pieces:
         """The pieces for an error in mm: strips between knots that do not matter to it are creases.

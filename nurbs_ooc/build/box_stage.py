@@ -14,8 +14,8 @@ from nurbs_cache.errors import CorruptRecordError
 from nurbs_cache.face_record import FACE_REPORT_DTYPE
 from nurbs_cache.node_record import ITEM_DTYPE
 from nurbs_cache.surface_record import GeometryBatch
-from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.crew import Crew
+from nurbs_ooc.build.run_geometry import part_batches
 from nurbs_ooc.build.spill import new_file
 from nurbs_ooc.build.surface_runs import PartSlice, SurfaceRun
 from nurbs_ooc.build.workshop import Bench, Workshop
@@ -86,21 +86,20 @@ def _left_from_before(path: Path) -> bool:
 
 
 def _boxes(bench: Bench, run: SurfaceRun) -> Boxes:
-    """Sketch all surfaces of a run together, and place them part by part."""
-    parts = [_surfaces_of(bench.store, piece) for piece in run.slices]
-    sketch = sketch_part(join_parts(parts))
-    placed, at = [], 0
-    for piece, part in zip(run.slices, parts, strict=True):
-        own = sketch.of_rows(at, at + piece.n_surfaces)
-        placed.append(_place(bench, piece, own, part.surfaces["material"]))
-        at += piece.n_surfaces
+    """Sketch the surfaces of a run together, and place them part by part."""
+    placed = []
+    for loaded in part_batches(bench.store, run.slices):
+        parts = [_surfaces_of(part, piece) for piece, part in loaded]
+        sketch, at = sketch_part(join_parts(parts)), 0
+        for (piece, _), own in zip(loaded, parts, strict=True):
+            placed.append(_place(bench, piece, sketch.of_rows(at, at + len(own)), own.surfaces["material"]))
+            at += len(own)
     items, materials, faces = (np.concatenate(column) for column in zip(*placed, strict=True))
     return items, materials, faces
 
 
-def _surfaces_of(store: TypedStore, piece: PartSlice) -> GeometryBatch:
+def _surfaces_of(part: GeometryBatch, piece: PartSlice) -> GeometryBatch:
     """The surfaces of a slice; boxes need no neighbours."""
-    part = store.get_part(piece.part)
     return part if piece.whole else subset(part, np.arange(piece.first_row, piece.first_row + piece.n_surfaces))
 
 

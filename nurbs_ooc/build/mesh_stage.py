@@ -18,9 +18,8 @@ from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.crew import Crew
 from nurbs_ooc.build.face_report import add_to_report, worst_rows
 from nurbs_ooc.build.fragments import checked_slots, write_fragments
-from nurbs_ooc.build.mesh_demand import SURFACE_MASK, Keys, MeshDemand, key_surfaces
-from nurbs_ooc.build.run_geometry import RunGeometry
-from nurbs_ooc.build.surface_meshes import mesh_levels
+from nurbs_ooc.build.mesh_demand import SURFACE_MASK, Keys, MeshDemand
+from nurbs_ooc.build.surface_meshes import mesh_slices
 from nurbs_ooc.build.surface_runs import SurfaceRun
 from nurbs_ooc.build.workshop import Bench, Workshop
 
@@ -59,8 +58,7 @@ def mesh_run(bench: Bench, job: MeshJob) -> npt.NDArray[np.void]:
     path = bench.shelf.path_of(run)
     slots = _left_from_before(path, job.keys)
     if slots is None:
-        near = RunGeometry.load(bench.store, run.slices, np.unique(key_surfaces(job.keys)))
-        slots = write_fragments(path, mesh_levels(near, job.keys, job.demanded))
+        slots = write_fragments(path, mesh_slices(bench.store, run.slices, job.keys, job.demanded))
         bench.rest()
     return worst_rows(slots["key"] & SURFACE_MASK, slots["status"], slots["reason"], slots["errors"].sum(axis=1))
 

@@ -8,12 +8,14 @@ half of the time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nurbs_cache.typed_store import TypedStore
 from nurbs_ooc.build.mesh_demand import Keys, MeshDemand, key_levels, key_surfaces
 from nurbs_ooc.build.run_geometry import Ids, RunGeometry
-from nurbs_ooc.build.surface_runs import surface_runs
+from nurbs_ooc.build.surface_runs import PartSlice, surface_runs
 from nurbs_ooc.hlod.mesh_pool import MeshPool
 from nurbs_ooc.tessellation.tessellate import Tessellator
 
@@ -30,7 +32,7 @@ def mesh_levels(near: RunGeometry, keys: Keys, demanded: Keys, workers: int = 1)
     Returns:
         One pool a level, ascending levels.
     """
-    tessellator = Tessellator(near.geometry)
+    tessellator = Tessellator(near.geometry, workers)
     levels, demanded_levels = key_levels(keys), key_levels(demanded)
     pools = []
     for level in np.unique(levels).tolist():
@@ -52,6 +54,29 @@ def _pool(tessellator: Tessellator, error: float, keys: Keys, rows: Ids, present
     return MeshPool.of_mesh(tessellator.mesh(error, faces=rows, present=present, workers=workers), keys)
 
 
+def mesh_slices(
+    store: TypedStore, slices: Sequence[PartSlice], keys: Keys, demanded: Keys, workers: int = 1
+) -> list[MeshPool]:
+    """Tessellate surfaces of a run.
+
+    Args:
+        store: has the parts.
+        slices: of the run.
+        keys: mesh keys of surfaces in the slices, ascending.
+        demanded: all mesh keys of their parts that any node needs, ascending; ``keys`` among them.
+        workers: threads.
+
+    Returns:
+        Pools whose keys ascend from the first to the last.
+    """
+    surfaces = key_surfaces(keys)
+    pools = []
+    for near, own in RunGeometry.batches(store, slices, np.unique(surfaces)):
+        pools += mesh_levels(near, keys[np.isin(surfaces, own)], demanded, workers)
+    # Batches are of different surfaces, ascending, and a key begins with its level.
+    return sorted(pools, key=lambda pool: int(pool.slots["key"][0]))
+
+
 def mesh_surfaces(store: TypedStore, keys: Keys, demand: MeshDemand, workers: int) -> MeshPool:
     """Tessellate ``keys`` (ascending, each once); slot ``i`` of the pool is that of ``keys[i]``.
 
@@ -65,7 +90,5 @@ def mesh_surfaces(store: TypedStore, keys: Keys, demand: MeshDemand, workers: in
     pools = []
     for run in surface_runs(store.part_infos()):
         own = keys[(surfaces >= run.first_surface) & (surfaces < run.first_surface + run.n_surfaces)]
-        if len(own):
-            near = RunGeometry.load(store, run.slices, np.unique(key_surfaces(own)))
-            pools += mesh_levels(near, own, demand.of_surfaces(*run.surfaces_of_parts), workers)
+        pools += mesh_slices(store, run.slices, own, demand.of_surfaces(*run.surfaces_of_parts), workers)
     return MeshPool.join(pools).by_key()

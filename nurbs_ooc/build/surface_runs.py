@@ -39,6 +39,15 @@ class PartSlice:
     n_surfaces: int
     n_part: int
 
+    def cut(self, n_pieces: int) -> list[PartSlice]:
+        """The same surfaces in ``n_pieces``, or fewer where it has not so many."""
+        n_pieces = min(n_pieces, self.n_surfaces)
+        bounds = [self.n_surfaces * piece // n_pieces for piece in range(n_pieces + 1)]
+        return [
+            PartSlice(self.part, self.first_surface + low, self.first_row + low, high - low, self.n_part)
+            for low, high in itertools.pairwise(bounds)
+        ]
+
     @property
     def first_of_part(self) -> int:
         """Id of the part's first surface."""
@@ -81,9 +90,7 @@ def _slices(infos: Sequence[PartInfo]) -> list[PartSlice]:
     slices = []
     for part in order:
         first, n = infos[part].first_surface, infos[part].n_surfaces
-        n_pieces = max(1, n // tunables.SURFACES_PER_RUN)
-        bounds = [n * piece // n_pieces for piece in range(n_pieces + 1)]
-        slices += [PartSlice(part, first + low, low, high - low, n) for low, high in itertools.pairwise(bounds)]
+        slices += PartSlice(part, first, 0, n, n).cut(max(1, n // tunables.SURFACES_PER_RUN))
     return slices
 
 

@@ -42,6 +42,10 @@ SURFACES_PER_RUN = 512
 4 % more processor time, four times as many 3 % less and 50 MiB more a worker.
 Parts with twice as many are cut; at each cut the surfaces beside it are tessellated twice."""
 
+BATCH_BYTES = 4 << 20
+"""Knots and control points in one batch: their derivative bounds take up to seven times as much. Runs of the c-class
+have 2 MB in the mean; runs of more are done in several batches, of whole parts or of pieces of a large one."""
+
 MESHES_PER_JOB = 2_000
 """Placed meshes in the nodes of one job: a second of work, some 40 MiB. A node is never cut in two."""
 

@@ -148,7 +148,7 @@ def _diagonals(mesh: MeshBatch) -> npt.NDArray[np.float64]:
 def _coarse_meshes(geometry: GeometryBatch, workers: int) -> list[MeshBatch]:
     """Meshes of all surfaces, each at an error of at most 1 % of its diagonal; a later mesh of a surface counts."""
     meshes: list[MeshBatch] = []
-    tessellator, smallest = Tessellator(geometry), smallest_error(geometry)
+    tessellator, smallest = Tessellator(geometry, workers), smallest_error(geometry)
     rows, level = np.arange(len(geometry)), _levels_for(rough_extents(geometry))
     for _ in range(MAX_ROUNDS):
         too_coarse = [rows[:0]]

@@ -102,4 +102,7 @@ def with_crease_samples(
     t, at = t[keep], at[keep]
     edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
     counts = np.diff(samples.first) + np.bincount(edge[at], minlength=len(g.edges))
-    return with_positions(g, uses, counts.astype(np.int64), np.insert(samples.t, at + 1, t), samples.trim, run)
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    every = np.insert(samples.t, at + 1, t)
+    more = EdgeSamples(first, every, np.empty((len(every), 3)), samples.trim)
+    return with_positions(g, uses, more, np.ones(len(g.edges), np.bool_), run)

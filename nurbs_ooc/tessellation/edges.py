@@ -253,11 +253,18 @@ def _sample_edges(
 
 
 @kernel
-def _positions(g: Tables, uses: EdgeUses, first: Ints, t: Floats, low: int, high: int, out: Floats) -> None:
-    """Points of the samples: the shared vertices at the ends, between them the 3D curve, or the surface without one."""
+def _positions(
+    g: Tables, uses: EdgeUses, first: Ints, t: Floats, missing: npt.NDArray[np.bool_], low: int, high: int, out: Floats
+) -> None:
+    """Points of the samples of edges in the mask ``missing``.
+
+    They are the shared vertices at the ends, between them the 3D curve, or the surface without one.
+    """
     scratch = np.empty((4, MAX_DEGREE + 2))
     point = np.empty(12)
     for e in range(low, high):
+        if not missing[e]:
+            continue
         edge = g.edges[e]
         last = first[e + 1] - 1
         for i in range(first[e], first[e + 1]):
@@ -278,13 +285,12 @@ def _positions(g: Tables, uses: EdgeUses, first: Ints, t: Floats, low: int, high
 
 
 def with_positions(
-    g: Tables, uses: EdgeUses, counts: Ints, t: Floats, trim: Floats, run: Callable[..., list[Any]]
+    g: Tables, uses: EdgeUses, samples: EdgeSamples, missing: npt.NDArray[np.bool_], run: Callable[..., list[Any]]
 ) -> EdgeSamples:
-    """Samples at parameters ``t``, ``counts`` of each edge, with their places; ``trim`` stays as it is."""
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    position = np.empty((len(t), 3))
-    run(lambda low, high: _positions(g, uses, first, t, low, high, position), len(g.edges))
-    return EdgeSamples(first, t, position, trim)
+    """``samples`` with the positions of those of edges in the mask ``missing`` (n_edges,) written."""
+    s = samples
+    run(lambda low, high: _positions(g, uses, s.first, s.t, missing, low, high, s.position), len(g.edges))
+    return s
 
 
 def sample_edges(
@@ -308,9 +314,10 @@ def sample_edges(
     trim = np.zeros(len(g.coedges))
     aim = error * AIM
     results = run(lambda low, high: _sample_edges(g, pieces, curves, near, uses, low, high, aim, trim), len(g.edges))
-    counts = np.concatenate([r[0] for r in results]) if results else np.zeros(0, np.int64)
-    t = np.concatenate([r[1] for r in results]) if results else np.zeros(0)
-    return with_positions(g, uses, counts, t, trim, run)
+    counts = [np.zeros(1, np.int64), *(r[0] for r in results)]
+    t = np.concatenate([np.zeros(0), *(r[1] for r in results)])
+    samples = EdgeSamples(np.cumsum(np.concatenate(counts)), t, np.empty((len(t), 3)), trim)
+    return with_positions(g, uses, samples, np.ones(len(g.edges), np.bool_), run)
 
 
 def split_segments(
@@ -337,4 +344,7 @@ def split_segments(
     t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
     edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
     counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
-    return with_positions(g, uses, counts, t, samples.trim, run), counts > np.diff(samples.first)
+    changed = counts > np.diff(samples.first)
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    split = EdgeSamples(first, t, samples.position[own], samples.trim)
+    return with_positions(g, uses, split, changed, run), changed

@@ -124,7 +124,7 @@ def test_full_disk_in_the_spill_folder(source: Path, tmp_path: Path, monkeypatch
     def no_space(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mesh_stage, "mesh_levels", no_space)
+    monkeypatch.setattr(mesh_stage, "mesh_slices", no_space)
     with pytest.raises(OSError, match="No space left"):
         run_build(source, tmp_path / "cache")
     assert not spill_path(tmp_path / "cache").exists()

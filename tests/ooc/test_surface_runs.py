@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nurbs_cache.memory_store import MemoryStore
 from nurbs_cache.scene_record import PartInfo
 from nurbs_cache.store import Store
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.build import tunables
 from nurbs_ooc.build.mesh_demand import MeshDemand, key_levels, key_surfaces, mesh_keys
-from nurbs_ooc.build.run_geometry import RunGeometry
-from nurbs_ooc.build.surface_meshes import mesh_levels
+from nurbs_ooc.build.run_geometry import RunGeometry, part_batches
+from nurbs_ooc.build.surface_meshes import mesh_levels, mesh_slices
 from nurbs_ooc.build.surface_runs import geometry_around, surface_runs
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.join import join_parts
 from nurbs_ooc.geometry.sample_faces import add_plane
 from nurbs_ooc.geometry.subset import subset
-from nurbs_ooc.hlod.mesh_pool import MeshPool
+from nurbs_ooc.hlod.mesh_pool import SLOT_DTYPE, MeshPool
 from nurbs_ooc.tessellation.mesh import MeshBatch, take_faces
 from nurbs_ooc.tessellation.tessellate import Tessellator, smallest_error, tessellate
 from tests.ooc.test_build_resume import environment
@@ -99,6 +100,31 @@ def test_a_level_beyond_float64_is_that_of_float64() -> None:
     pools = mesh_levels(near, keys, keys)
     assert [pool.slots["key"].tolist() for pool in pools] == [keys[:2].tolist(), keys[2:].tolist()]
     assert MeshPool.join(pools).slots["n_triangles"].tolist() == [2, 2, 2]
+
+
+def test_small_batches_give_what_large_ones_do(part: GeometryBatch, monkeypatch: pytest.MonkeyPatch) -> None:
+    others = [subset(part, rows) for rows in (np.arange(5), np.arange(7, 30))]
+    store, parts = MemoryStore(), [others[0], part, others[1]]
+    firsts = [0, len(parts[0]), len(parts[0]) + len(part)]
+    store.put_parts((i, PartInfo("", len(p), firsts[i]), p) for i, p in enumerate(parts))
+    monkeypatch.setattr(tunables, "SURFACES_PER_RUN", 10_000)
+    run = surface_runs(store.part_infos())[0]
+    rng = np.random.default_rng(4)
+    ids = np.sort(rng.permutation(run.n_surfaces)[: run.n_surfaces * 9 // 10]).astype(np.uint64)
+    keys = np.unique(mesh_keys(np.repeat(ids, 2), rng.integers(-1, 3, 2 * len(ids))))
+    whole = MeshPool.join(mesh_slices(store, run.slices, keys, keys))
+    assert len(list(part_batches(store, run.slices))) == 1
+    monkeypatch.setattr(tunables, "BATCH_BYTES", part.values.nbytes // 7)
+    batches = list(part_batches(store, run.slices))
+    assert len(batches) > 7
+    assert [
+        s for batch in batches for cut, _ in batch for s in range(cut.first_surface, cut.first_surface + cut.n_surfaces)
+    ] == list(range(run.n_surfaces))
+    small = MeshPool.join(mesh_slices(store, run.slices, keys, keys))
+    for name in SLOT_DTYPE.names or ():
+        assert (small.slots[name] == whole.slots[name]).all(), name
+    assert (small.words == whole.words).all()
+    assert (small.slots["key"] == keys).all()
 
 
 def test_runs_hold_every_surface_once(monkeypatch: pytest.MonkeyPatch) -> None:
