@@ -60,6 +60,7 @@ READY, NEEDS_SAMPLES = 0, 1
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
+MOST_SHADED = 4.0
 SPARE_POINTS = 4096.0
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
@@ -239,6 +240,9 @@ def tessellate_face(
         promised += _grid_points(shades)
     capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
+    if aim is not None:
+        # Normals that turn within a sliver of the domain could ask for any number.
+        most = int(min(MOST_SHADED * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
         room = enough_room(room, capacity)
         t = new_triangulation(room, capacity, du * f.du * LATTICE, dv * f.dv * LATTICE)
