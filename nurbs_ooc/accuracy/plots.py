@@ -48,7 +48,7 @@ def draw_page(
     ):
         _costs(axis, points, names, size, key, label)
     _normals(axes[0, 3], points, names, size)
-    _ratio(axes[1, 0], points)
+    _ratio(axes[1, 0], points, names)
     _promise(axes[1, 1], points, names)
     _quantisation(axes[1, 2], quantisation, size)
     _numbers(axes[1, 3], numbers)
@@ -104,11 +104,16 @@ def _note(axis: Any, height: float, text: str, side: str) -> None:
     axis.text(0.02, height, text, transform=axis.get_yaxis_transform(), fontsize=9, va=side, alpha=0.8)
 
 
-def _ratio(axis: Any, points: Sequence[CurvePoint]) -> None:
+def _ratio(axis: Any, points: Sequence[CurvePoint], names: list[str]) -> None:
     own = [p for p in points if p.ratio_median is not None and p.requested_mm]
-    shares = [p.setting for p in own]
-    axis.plot(shares, [p.ratio_median or 1.0 for p in own], "o-", color=COLOURS[0], label="median face")
-    axis.plot(shares, [p.ratio_max or 1.0 for p in own], "o:", color=COLOURS[0], label="most cautious face", alpha=0.6)
+    for name in dict.fromkeys(p.variant for p in own):
+        style, mine = _style(names, name), [p for p in own if p.variant == name]
+        shares = [p.setting for p in mine]
+        axis.plot(shares, [p.ratio_median or 1.0 for p in mine], **style | {"label": f"{name}, median face"})
+        axis.plot(
+            shares, [p.ratio_max or 1.0 for p in mine],
+            **style | {"label": f"{name}, most cautious face", "linestyle": ":", "alpha": 0.6},
+        )  # fmt: skip
     axis.axhline(1.0, color="black", linewidth=1)
     _error_axis(axis)
     _plain(axis, [p.ratio_median or 1.0 for p in own] + [p.ratio_max or 1.0 for p in own])

@@ -69,6 +69,7 @@ ASKED = 3
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
+MOST_SHADED = 4.0
 SPARE_POINTS = 4096.0
 # Segments that cross are cut into so many parts a round: webs down to a millionth are told apart in time.
 CROSSED_PARTS = 3
@@ -355,6 +356,9 @@ def tessellate_face(
         promised += _grid_points(shades)
     capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
+    if aim is not None:
+        # Normals that turn within a sliver of the domain could ask for any number.
+        most = int(min(MOST_SHADED * promised + SPARE_POINTS, float(MAX_POINTS)))
     while True:
         if capacity + N_OUTER > len(w.room.points):
             w.size[MORE_POINTS] = capacity
