@@ -113,7 +113,8 @@ def _spline_bounds(g: Tables, row: int, p: CurvePieces, first: Floats, second: F
     span = d
     start = local_line(6)
     end = local_line(6)
-    curve_point(g, row, at, scratch, start)
+    if dim == 2:
+        curve_point(g, row, at, scratch, start)
     for k in range(p.first[row], p.first[row + 1]):
         low = at
         at, i = _next_break(g, row, low, i)

@@ -69,7 +69,7 @@ ASKED = 3
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
-MOST_SHADED = 4.0
+MOST_SHADED = 16.0
 SPARE_POINTS = 4096.0
 # Segments that cross are cut into so many parts a round: webs down to a millionth are told apart in time.
 CROSSED_PARTS = 3
