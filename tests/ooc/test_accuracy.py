@@ -120,7 +120,7 @@ def test_the_command_writes_tables_and_a_page(small_step: Path, tmp_path: Path) 
     report = json.loads((out / "accuracy.json").read_text())
     assert json.loads(result.output.splitlines()[-1])["diagonal_mm"] == report["diagonal_mm"]
     names = {p["variant"] for p in report["points"]}
-    assert names == {"certified", "sampled estimate", "uniform", "Open CASCADE"}
+    assert names == {"certified", "appearance-preserving", "sampled estimate", "uniform", "Open CASCADE"}
     certified = [p for p in report["points"] if p["variant"] == "certified"]
     assert all(p["measured_max_mm"] <= p["certified_mm"] <= p["requested_mm"] for p in certified)
     assert all(p["violations"] == 0 for p in certified)
