@@ -87,7 +87,7 @@ def write_mesh_file(
             n_bytes = writer.write(temporary, assembly.products, assembly.materials, assembly.occurrences)
     normals = {}
     if tally.certified_normal_error is not None:
-        normals["certified_normal_error_deg"] = tally.certified_normal_error + FLOAT32_NORMAL_DEG
+        normals["certified_normal_error_deg"] = min(tally.certified_normal_error + FLOAT32_NORMAL_DEG, 180.0)
     if tally.appearance_error is not None:
         normals["appearance_error_mm"] = tally.appearance_error
     return {

@@ -25,11 +25,12 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break, unite
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, grid_bounds
 from nurbs_ooc.geometry.bezier_net import bezier_net, split_net
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.grid_counts import grid_counts
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -67,44 +68,6 @@ class Cells(NamedTuple):
 
     node: Ints  # (n, NODE_COLUMNS): first child (-1: a leaf), axis (0: u), columns, rows, depth, extent, parent
     box: Floats  # (n, COLUMNS): u0, u1, v0, v1; where it is split; ``MEASURES``
-
-
-@leaf
-def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: float) -> tuple[int, int]:
-    """Fewest columns and rows (in product, nearly) whose triangles keep the error."""
-    cu = a * a * muu / (8.0 * error)
-    cv = b * b * mvv / (8.0 * error)
-    cm = 2.0 * a * b * muv / (8.0 * error)
-    if cu + cv + cm <= 1.0:
-        return 1, 1
-    nu = max(1.0, math.floor(math.sqrt(min(cu, 1e16))))
-    nv = max(1.0, math.floor(math.sqrt(min(cv, 1e16))))
-    total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
-    if total > 1.0:
-        # Scale both as the optimum of the continuous problem asks, then finish in single steps.
-        grow = math.sqrt(total)
-        if cu > 1.0 and cv > 1.0:
-            nu = max(1.0, math.floor(nu * grow * 0.9))
-            nv = max(1.0, math.floor(nv * grow * 0.9))
-        elif cm > 1.0 and cu <= 1.0 and cv <= 1.0:
-            side = math.sqrt(cm)
-            nu = max(1.0, math.floor(side * math.sqrt(a / b) * 0.5)) if b > 0.0 else 1.0
-            nu = min(nu, side)
-            nv = max(1.0, math.floor(0.9 * cm / nu))
-    steps = 0
-    while steps < 4096:
-        total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
-        if total <= 1.0:
-            break
-        more_u = cu / ((nu + 1) * (nu + 1)) + cv / (nv * nv) + cm / ((nu + 1) * nv)
-        more_v = cu / (nu * nu) + cv / ((nv + 1) * (nv + 1)) + cm / (nu * (nv + 1))
-        # What a step saves against what it costs.
-        if (total - more_u) * nu >= (total - more_v) * nv:
-            nu += max(1.0, math.floor(nu * 0.02))
-        else:
-            nv += max(1.0, math.floor(nv * 0.02))
-        steps += 1
-    return int(min(nu, 1e9)), int(min(nv, 1e9))
 
 
 @leaf
@@ -390,62 +353,3 @@ def build_cells(g: Tables, p: Pieces, row: int, box: Floats, error: float, c: Ce
                 top += 1
             n += 2
     return n
-
-
-@leaf
-def cell_around(c: Cells, u0: float, u1: float, v0: float, v1: float, near: Ints) -> int:
-    """The smallest cell that holds a parameter box.
-
-    ``near`` (1,) is where the search begins, the number of any cell, and gets the one found.
-    """
-    node = near[0]
-    while node > 0:
-        b = c.box[node]
-        if b[0] <= u0 and u1 <= b[1] and b[2] <= v0 and v1 <= b[3]:
-            break
-        node = c.node[node, PARENT]
-    while c.node[node, CHILD] >= 0:
-        low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
-        if high <= c.box[node, CUT]:
-            node = c.node[node, CHILD]
-        elif low >= c.box[node, CUT]:
-            node = c.node[node, CHILD] + 1
-        else:
-            break
-    near[0] = node
-    return int(node)
-
-
-@leaf
-def cell_bounds(
-    c: Cells, start: int, u0: float, u1: float, v0: float, v1: float, vectors: bool, stack: Ints, out: Floats
-) -> None:
-    """Second-derivative bounds (3,) of the leaves below ``start`` that meet a parameter box, and their boxes if wanted.
-
-    They go to ``out`` (MEASURES,).
-    """
-    out[0], out[1], out[2] = 0.0, 0.0, 0.0
-    if vectors:
-        for m in range(3):
-            for k in range(3):
-                out[3 + 6 * m + k], out[6 + 6 * m + k] = np.inf, -np.inf
-    top = 1
-    stack[0] = start
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if c.node[node, CHILD] < 0:
-            for k in range(3):
-                out[k] = max(out[k], c.box[node, SECOND + k])
-            if vectors:
-                unite(c.box[node, VECTORS:], out[3:])
-            continue
-        low, high = (u0, u1) if c.node[node, AXIS] == 0 else (v0, v1)
-        if low < c.box[node, CUT] or high <= c.box[node, CUT]:
-            stack[top] = c.node[node, CHILD]
-            top += 1
-        if high > c.box[node, CUT]:
-            stack[top] = c.node[node, CHILD] + 1
-            top += 1
-    if vectors:
-        box_radii(out)

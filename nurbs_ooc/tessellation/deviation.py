@@ -19,7 +19,8 @@ from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
 from nurbs_ooc.bounds.triangle_bound import corner_hair, norm_bound, vector_bound
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.cells import CHILD, SECOND, Cells, cell_around, cell_bounds
+from nurbs_ooc.tessellation.cell_search import cell_around, cell_bounds
+from nurbs_ooc.tessellation.cells import CHILD, SECOND, Cells
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_TRIANGLES, Triangulation
 
 Floats = npt.NDArray[np.float64]

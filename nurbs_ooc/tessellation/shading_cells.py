@@ -28,9 +28,9 @@ from nurbs_ooc.tessellation.cells import (
     UNDIVIDED,
     WORTH,
     Cells,
-    grid_counts,
 )
 from nurbs_ooc.tessellation.deviation import Frame
+from nurbs_ooc.tessellation.grid_counts import grid_counts
 from nurbs_ooc.tessellation.grid_points import FULL, insert_grids
 from nurbs_ooc.tessellation.shading import Aim
 from nurbs_ooc.tessellation.triangulate import Triangulation
