@@ -22,8 +22,6 @@ from nurbs_ooc.geometry.tables import Tables, tables
 from nurbs_ooc.measure.exact_surface import derivatives
 from tests.hard.nets import as_nurbs, elevated
 
-pytestmark = pytest.mark.kernel
-
 Floats = npt.NDArray[np.float64]
 X, Y, Z = np.eye(3)
 ORIGIN = np.array([3.0, -2.0, 5.0])
@@ -205,6 +203,7 @@ def test_a_long_thin_arc_does_not_pay_for_its_length() -> None:
     assert found[1] <= 1.05 * found[0]
 
 
+@pytest.mark.kernel
 def test_an_arc_in_fifty_digits() -> None:
     a = np.array([1e-6, 1e-4, 1e-2, 0.5, 1.0, 2.0])
     found = _turns(a)
