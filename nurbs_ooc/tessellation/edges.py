@@ -234,9 +234,13 @@ def _sample_edges(
             continue
         n = edge_demand(g, p, c, near, uses, e, error, d)
         expected = 8.0
+        stretches = 1
         for k in range(n):
+            stretches += 1 if d.fixed[k + 1] else 0
             expected += math.sqrt(d.demand[k] / 8.0) * (d.breaks[k + 1] - d.breaks[k]) + 8.0
-        need = int(min(expected, 2.0 * MAX_SAMPLES)) + 8 * n
+        # Each stretch between fixed breaks may have the most samples there are; the demand may be infinite.
+        most = float(MAX_SAMPLES) * stretches
+        need = int(expected if expected < most else most) + 8 * n
         if need > len(coarse):
             coarse = np.empty(2 * need)
         n_coarse = _place_all(g, e, d, n, coarse)
