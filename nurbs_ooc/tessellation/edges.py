@@ -327,7 +327,7 @@ def sample_edges(
 def split_segments(
     g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
 ) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
-    """Cut segments into equal parts.
+    """Cut segments into equal parts, but no edge into more than ``MAX_SAMPLES``.
 
     Args:
         g: the part's tables.
@@ -342,11 +342,13 @@ def split_segments(
     ends = np.zeros(len(samples.t), bool)
     ends[samples.first[1:][np.diff(samples.first) > 0] - 1] = True
     into = np.where(ends, 1, np.maximum(parts, 1))
+    edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
+    many = np.bincount(edge, weights=into, minlength=len(g.edges)) > MAX_SAMPLES
+    into[many[edge]] = 1
     own = np.repeat(np.arange(len(into)), into)
     share = np.arange(len(own)) - np.repeat(np.cumsum(into) - into, into)
     following = np.append(samples.t[1:], 0.0)
     t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
-    edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
     counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
     changed = counts > np.diff(samples.first)
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)

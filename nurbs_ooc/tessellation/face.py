@@ -354,7 +354,8 @@ def tessellate_face(
     if aim is not None:
         shades = shading_cells(g, aim, p, row, b.box, target)
         promised += _grid_points(shades)
-    capacity = int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS)))
+    # The boundary's points go in, however many they are.
+    capacity = max(int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS))), n + 64)
     most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
     if aim is not None:
         # Normals that turn within a sliver of the domain could ask for any number.

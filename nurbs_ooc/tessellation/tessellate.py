@@ -245,17 +245,19 @@ class Tessellator:
         if aim is not None:
             samples = with_crease_samples(g, pieces, uses, samples, run_edges)
         rounds: list[tuple[Ints, list[Chunk]]] = []
-        for turn in range(MAX_ROUNDS + 1):
+        final = False
+        while True:
             parts = np.zeros(len(samples.t), np.int64)
-            chunks = _run_faces(g, pieces, samples, rows, error, turn == MAX_ROUNDS, parts, aim, run)
+            chunks = _run_faces(g, pieces, samples, rows, error, final, parts, aim, run)
             rounds.append((rows, chunks))
-            if not parts.any() or turn == MAX_ROUNDS:
+            if final or not parts.any():
                 break
             samples, changed = split_segments(g, uses, samples, parts, run_edges)
             # Once more: who asked, and who looks at an edge that has changed.
             again = faces_of_edges(g, uses, changed)
             again[rows[_waiting(chunks)]] = True
             rows = np.intersect1d(np.flatnonzero(again), rounds[0][0])
+            final = len(rounds) == MAX_ROUNDS or not changed.any()
         return rounds
 
 
