@@ -131,7 +131,7 @@ def _improve(
     if d.creased and o.crease[0] >= 0.0:
         return _split_at_crease(t, f, o, k)
     m = o.second
-    if ratio == math.inf:
+    if ratio == math.inf or not m[0] + m[2] > 0.0:
         unbounded_metric(g, p, row, d.sides, o.uv, m)
     if not m[0] + m[2] > 0.0:
         return DONE
@@ -205,6 +205,13 @@ def certify_shading(
         code = max(code, kept)
         if not changed or (code != DONE and not final):
             return code, worst
+
+
+@leaf
+def forget_shading(t: Triangulation) -> None:
+    """Let all triangles be looked at again."""
+    for k in range(t.n[N_TRIANGLES]):
+        t.tri[k, CHECKED] = NEAR
 
 
 @helper

@@ -23,7 +23,12 @@ from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
-from nurbs_ooc.tessellation.certify_shading import measure_shading, refine_shading, segments_too_long
+from nurbs_ooc.tessellation.certify_shading import (
+    forget_shading,
+    measure_shading,
+    refine_shading,
+    segments_too_long,
+)
 from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
 from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
@@ -284,6 +289,12 @@ def _attempt(
     return READY
 
 
+@leaf
+def _shading_is_over(d: Draft, aim: Aim, target: float) -> bool:
+    """Whether more is found than what is asked for beside the distance."""
+    return d.found[ANGLE] > aim.normal or (aim.appearance > 0.0 and d.found[APPEARANCE] > target)
+
+
 @helper
 def _settle(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, w: Workspace,
@@ -293,8 +304,12 @@ def _settle(
     unfold_poles(g, p, row, c, f, t, b, w, target)
     if aim is not None and corners is not None:
         measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
-        over = d.found[ANGLE] > aim.normal or (aim.appearance > 0.0 and d.found[APPEARANCE] > target)
-        if d.code[STATUS] == 0 and over:
+        if _shading_is_over(d, aim, target):
+            # Triangles that were given up may have gone since: what stays is looked at alone.
+            d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
+            forget_shading(t)
+            measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
+        if d.code[STATUS] == 0 and _shading_is_over(d, aim, target):
             d.code[STATUS], d.code[REASON] = DEGRADED, NORMALS_NOT_KEPT
     if d.error[WORST] > target:
         # No point is farther off than the face is large.

@@ -8,11 +8,11 @@ import pytest
 from nurbs_cache.errors import UsageError
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_ooc.geometry.curvature import mean_curvature
 from nurbs_ooc.geometry.forms import SurfaceForm
 from nurbs_ooc.geometry.sample_faces import add_plane, add_sphere, add_torus
 from nurbs_ooc.measure.attack_normals import attack_normals
 from nurbs_ooc.tessellation.appearance import Appearance
-from nurbs_ooc.tessellation.attributes import mean_curvature
 from nurbs_ooc.tessellation.tessellate import tessellate
 from tests.ooc.test_shading import wave
 
