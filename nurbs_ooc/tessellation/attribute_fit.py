@@ -27,7 +27,8 @@ DEGREE = 3
 FEWEST, MOST = 6, 64  # intervals each way
 SHORTEST = 2.0**-9  # of the rectangle: shorter intervals are not halved
 BETWEEN = (0.3, 0.7)  # shares of an interval, where it is looked at
-MISSED = 2.0  # times the most that is found there
+# Times the most that is found there: for the values between the corners and for those at them, and twice for luck.
+MISSED = 4.0
 ROUNDS = 8
 # Values at the rectangle's border are continued from two places so far inside: a pole may have none.
 INSET = 1e-3

@@ -27,7 +27,7 @@ AttributeFunction = Callable[[GeometryBatch, int, Floats], Floats]
 Attribute = AttributeFunction | Mapping[int, SurfaceForm]
 
 # Of what nobody sees, the part that may be missed.
-GOOD = 0.25
+GOOD = 0.125
 ROUNDOFF = 1e-10  # of the range: values so close are the same
 CONSTANT = 1e-2
 SMOOTH = 3  # times: a surface that is as often differentiable has a curvature without kinks

@@ -233,7 +233,7 @@ def _refine(
         d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
         if not final:
             parts = np.zeros(len(b.next), dtype=np.int64)
-            if segments_too_long(g, p, aim, row, f, t, b, b.point, target, corners, parts):
+            if segments_too_long(g, p, aim, row, c, f, t, b, target, w.check, corners, parts):
                 for i in range(len(parts)):
                     _ask(b, i, parts[i], wanted)
                 return ASKED

@@ -48,7 +48,7 @@ UNKNOWN, ONE, CREASE, POLE = 0, 1, 2, 3
 # Numbers of ``Aim.found``.
 ANGLE, APPEARANCE = 0, 1
 # Of the values that nobody sees: a B-spline that is off by no more stands for its function well enough.
-RESOLVED = 0.25
+RESOLVED = 0.125
 # Nothing is divided by less, in radians and in an attribute's unit.
 LEAST = 1e-300
 # Of the face's size: where a pole has no limit of the normal, triangles at it come to an end.
@@ -279,9 +279,9 @@ def facet_ratio(
 
 @leaf
 def edge_ratio(
-    g: Tables, p: Pieces, aim: Aim, row: int, d: Corners, o: Facet, i: int, error: float, side: Facet
+    g: Tables, p: Pieces, aim: Aim, row: int, d: Corners, o: Facet, i: int, distance: float, error: float, side: Facet
 ) -> float:
-    """``facet_ratio`` of the flat triangle that is edge i of ``o`` alone; ``side`` is scratch."""
+    """``facet_ratio`` of the flat triangle that is edge i of ``o`` alone, its distance given; ``side`` is scratch."""
     for k in range(3):
         c = (i + 1) % 3 if k == 0 else (i + 2) % 3
         for m in range(2):
@@ -290,7 +290,7 @@ def edge_ratio(
             side.place[k, m], side.normal[k, m], side.values[k, m] = o.place[c, m], o.normal[c, m], o.values[c, m]
             side.foot[k, m] = o.foot[c, m]
     side.crease[0] = -1.0
-    return facet_ratio(g, p, aim, row, d, side, 0.0, error, False)
+    return facet_ratio(g, p, aim, row, d, side, distance, error, False)
 
 
 @leaf

@@ -112,9 +112,7 @@ def triangle_reach(g: Tables, row: int, uv: Floats, foot: Floats, distance: floa
         closed_form_bounds(g, row, u0, u1, v0, v1, bounds)
         # |S_uv| is the rate at which the distance from the axis changes.
         twist = 0.25 * (u1 - u0) * (v1 - v0) * bounds[LV]
-    x, y, z = _apart(foot, 0, 1), _apart(foot, 0, 2), _apart(foot, 1, 2)
-    # Of flat triangles roundoff may make the circle any size; no angle of less than 60 degrees is the largest.
-    r = math.sqrt(min(largest_mean(x, y, z), max(x, y, z) / 3.0))
+    r = math.sqrt(largest_mean(_apart(foot, 0, 1), _apart(foot, 0, 2), _apart(foot, 1, 2)))
     return (distance + twist + r) * BESIDE
 
 
