@@ -65,6 +65,7 @@ EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 NORMALS_NOT_KEPT = int(FaceReason.NORMALS_NOT_KEPT)
+APPEARANCE_NOT_KEPT = int(FaceReason.APPEARANCE_NOT_KEPT)
 
 # Results of ``tessellate_face``; NO_ROOM: the workspace's ``size`` says what it lacks.
 READY, NEEDS_SAMPLES, NO_ROOM = 0, 1, 2
@@ -217,6 +218,7 @@ def _nothing_inside(b: Boundary, d: Draft, final: bool, wanted: Ints) -> int:
         _ask_all(b, wanted)
         return NEEDS_SAMPLES
     d.error[WORST] = box_diagonal(b.position)
+    d.found[ANGLE], d.found[APPEARANCE] = math.pi, d.error[WORST]
     d.code[STATUS], d.code[REASON] = DEGRADED, BOX_AS_POINTS
     return READY
 
@@ -310,10 +312,14 @@ def _settle(
             forget_shading(t)
             measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
         if d.code[STATUS] == 0 and _shading_is_over(d, aim, target):
-            d.code[STATUS], d.code[REASON] = DEGRADED, NORMALS_NOT_KEPT
+            d.code[STATUS] = DEGRADED
+            d.code[REASON] = NORMALS_NOT_KEPT if d.found[ANGLE] > aim.normal else APPEARANCE_NOT_KEPT
     if d.error[WORST] > target:
         # No point is farther off than the face is large.
-        d.error[WORST] = min(d.error[WORST], surface_diagonal(g, row, b))
+        largest = surface_diagonal(g, row, b)
+        d.error[WORST] = min(d.error[WORST], largest)
+        # Distance, an attribute, and normals twice, see ``shading_length``.
+        d.found[APPEARANCE] = min(d.found[APPEARANCE], math.sqrt(6.0) * largest)
         if d.code[STATUS] == 0:
             d.code[STATUS], d.code[REASON] = DEGRADED, BUDGET_EXHAUSTED
 
