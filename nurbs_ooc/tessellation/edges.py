@@ -9,7 +9,7 @@ integral lie between neighbours::
 The interpolation error of a segment [a, b] under |f''| <= M_k on its intervals k is at most
 max M_k (b - a)^2 / 8 and at most the sum of M_k times the integral of (t - a)(b - t)/(b - a) over k;
 a segment that exceeds the demand by both is halved until it does not. Where a face finds that a
-segment alone breaks its bound, or that two of them cross, ``split_segments`` cuts just those.
+segment alone breaks its bound, or that two of them cross, just those are cut (``split_segments``).
 
 Source: C. de Boor, "A Practical Guide to Splines", 1978, ch. III (equidistributed knots); the
 integral is that of the Green's function of linear interpolation at its largest.
@@ -18,8 +18,7 @@ integral is that of the Green's function of linear interpolation at its largest.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +29,7 @@ from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.curve import ELLIPSE, curve_point
+from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.surface import surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.beside_edges import BesideEdges
@@ -289,7 +289,7 @@ def _positions(
 
 
 def with_positions(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, missing: npt.NDArray[np.bool_], run: Callable[..., list[Any]]
+    g: Tables, uses: EdgeUses, samples: EdgeSamples, missing: npt.NDArray[np.bool_], run: Run
 ) -> EdgeSamples:
     """``samples`` with the positions of those of edges in the mask ``missing`` (n_edges,) written."""
     s = samples
@@ -298,9 +298,8 @@ def with_positions(
 
 
 def sample_edges(
-    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float,
-    run: Callable[..., list[Any]],
-) -> EdgeSamples:  # fmt: skip
+    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float, run: Run
+) -> EdgeSamples:
     """Sample all edges of a part so that chords and slivers stay within ``error``.
 
     Args:
@@ -322,35 +321,3 @@ def sample_edges(
     t = np.concatenate([np.zeros(0), *(r[1] for r in results)])
     samples = EdgeSamples(np.cumsum(np.concatenate(counts)), t, np.empty((len(t), 3)), trim)
     return with_positions(g, uses, samples, np.ones(len(g.edges), np.bool_), run)
-
-
-def split_segments(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
-) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
-    """Cut segments into equal parts, but no edge into more than ``MAX_SAMPLES``.
-
-    Args:
-        g: the part's tables.
-        uses: its coedges by edge.
-        samples: of its edges.
-        parts: (n_samples,) how many parts each segment shall have; below 2 it stays.
-        run: maps a kernel over ranges of edges, in order.
-
-    Returns:
-        The new samples, and which edges (n_edges,) have changed.
-    """
-    ends = np.zeros(len(samples.t), bool)
-    ends[samples.first[1:][np.diff(samples.first) > 0] - 1] = True
-    into = np.where(ends, 1, np.maximum(parts, 1))
-    edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
-    many = np.bincount(edge, weights=into, minlength=len(g.edges)) > MAX_SAMPLES
-    into[many[edge]] = 1
-    own = np.repeat(np.arange(len(into)), into)
-    share = np.arange(len(own)) - np.repeat(np.cumsum(into) - into, into)
-    following = np.append(samples.t[1:], 0.0)
-    t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
-    counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
-    changed = counts > np.diff(samples.first)
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    split = EdgeSamples(first, t, samples.position[own], samples.trim)
-    return with_positions(g, uses, split, changed, run), changed

@@ -5,9 +5,6 @@ pieces -> edge samples -> faces -> (segments that need more samples -> the faces
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +14,7 @@ from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.strips import PiecesByError
+from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.soundness import sound_tables
 from nurbs_ooc.geometry.tables import Tables, tables
 from nurbs_ooc.tessellation.appearance import Appearance, kernel_aim
@@ -24,7 +22,7 @@ from nurbs_ooc.tessellation.assemble import Chunk, assemble
 from nurbs_ooc.tessellation.beside_edges import BesideEdgesByError
 from nurbs_ooc.tessellation.crease_samples import with_crease_samples
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
-from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
+from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
 from nurbs_ooc.tessellation.face import (
     BOX_AS_POINTS,
@@ -44,14 +42,13 @@ from nurbs_ooc.tessellation.face import (
 from nurbs_ooc.tessellation.fallback import box_diagonal
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.shading import ANGLE, APPEARANCE, Aim
-from nurbs_ooc.tessellation.workers import chunk_runner
+from nurbs_ooc.tessellation.split_segments import split_segments
+from nurbs_ooc.tessellation.workers import CURVES, EDGES, FACES, Threads
 from nurbs_ooc.tessellation.workspace import Workspace, larger, new_workspace
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Edges per call of a kernel: they take a tenth of the time of faces.
-EDGE_CHUNK = 256
 # Rounds of "more samples on these segments".
 MAX_ROUNDS = 7
 # Beside the results of ``tessellate_face``: the arrays that faces are appended to are full.
@@ -123,7 +120,7 @@ def _faces(
     ends = np.zeros((n, 3), dtype=np.int64)
     codes = np.zeros((n, 3), dtype=np.int64)
     errors = np.zeros((n, 5))
-    w = new_workspace(g)
+    w = new_workspace(g, faces)
     d = Draft(np.zeros(4), np.zeros(2, dtype=np.int64), np.zeros(2))
     done = 0
     drafted = False
@@ -141,18 +138,24 @@ def _faces(
 
 def _run_faces(
     g: Tables, pieces: Pieces, samples: EdgeSamples, faces: Ints, error: float, final: bool, wanted: Ints,
-    aim: Aim | None, run: Callable[..., list[Any]],
+    aim: Aim | None, run: Run,
 ) -> list[Chunk]:  # fmt: skip
     """All faces in chunks; ``wanted`` (n_samples,) becomes the largest of the threads' own."""
+    spare: list[Ints] = []  # one for each thread, for it is as long as the part is large
 
-    def chunk(low: int, high: int) -> Any:
-        own = np.zeros_like(wanted)
-        return _faces(g, pieces, samples, faces[low:high], error, final, own, aim), own
+    def chunk(low: int, high: int) -> Chunk:
+        try:
+            own = spare.pop()
+        except IndexError:
+            own = np.zeros_like(wanted)
+        result = _faces(g, pieces, samples, faces[low:high], error, final, own, aim)
+        spare.append(own)
+        return Chunk(*result)
 
-    results = run(chunk, len(faces))
-    for _, own in results:
+    chunks = run(chunk, len(faces))
+    for own in spare:
         np.maximum(wanted, own, out=wanted)
-    return [Chunk(*result) for result, _ in results]
+    return chunks
 
 
 def _waiting(chunks: list[Chunk]) -> npt.NDArray[np.bool_]:
@@ -184,9 +187,10 @@ class Tessellator:
 
     def __init__(self, geometry: GeometryBatch, workers: int = 1) -> None:
         self._geometry = geometry
-        self._g = sound_tables(tables(geometry))
-        self._pieces = PiecesByError(self._g, chunk_runner(workers))
-        self._curves = curve_pieces(self._g)
+        with Threads(workers) as threads:
+            self._g = sound_tables(tables(geometry), threads.runner(CURVES))
+            self._pieces = PiecesByError(self._g, threads.runner(FACES))
+            self._curves = curve_pieces(self._g, threads.runner(CURVES))
         self._uses = edge_uses(self._g)
         self._beside = BesideEdgesByError(self._g, self._curves, self._uses.surface)
 
@@ -229,18 +233,19 @@ class Tessellator:
             uses = uses_of_faces(uses, _mask(near, n))
         error = float(chord_error)
         approximation = self._geometry.surfaces["approximation_error"][wished]
-        rounds = self._rounds(uses, rows, error, aim, workers)
         combined = aim is not None and aim.appearance > 0.0
-        return assemble(rounds, wished, error, approximation, aim is not None, combined)
+        with Threads(workers) as threads:
+            rounds = self._rounds(uses, rows, error, aim, threads)
+            return assemble(rounds, wished, error, approximation, threads.runner(1), aim is not None, combined)
 
     def _rounds(
-        self, uses: EdgeUses, rows: Ints, error: float, aim: Aim | None, workers: int
+        self, uses: EdgeUses, rows: Ints, error: float, aim: Aim | None, threads: Threads
     ) -> list[tuple[Ints, list[Chunk]]]:
         """The faces ``rows``, then again and again those that edges with more samples have changed."""
-        g, run, run_edges = self._g, chunk_runner(workers), chunk_runner(workers, EDGE_CHUNK)
+        g, run, run_edges = self._g, threads.runner(FACES), threads.runner(EDGES)
         # Strips between knots turn normals however thin they are: none is taken for a crease then.
         pieces = self._pieces.at(error if aim is None else 0.0)
-        near = self._beside.at(pieces, self._pieces.changing)
+        near = self._beside.at(pieces, self._pieces.changing, threads.runner(CURVES))
         samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
         if aim is not None:
             samples = with_crease_samples(g, pieces, uses, samples, run_edges)

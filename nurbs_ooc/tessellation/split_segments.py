@@ -1,0 +1,68 @@
+"""More samples on some segments of edges: where a face has found that one breaks its bound, or that two cross."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nurbs_cache.jit import kernel
+from nurbs_ooc.geometry.ranges import Run
+from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.edge_uses import EdgeUses
+from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples, with_positions
+
+Ints = npt.NDArray[np.int64]
+
+
+@kernel
+def _count(first: Ints, parts: Ints, counts: Ints) -> None:
+    """Samples of each edge when its segments are cut; as many as it has where there would be too many."""
+    for e in range(len(first) - 1):
+        has = first[e + 1] - first[e]
+        counts[e] = has
+        for i in range(first[e], first[e + 1] - 1):
+            counts[e] += max(parts[i], 1) - 1
+        if counts[e] > MAX_SAMPLES:
+            counts[e] = has
+
+
+@kernel
+def _cut(old: EdgeSamples, parts: Ints, low: int, high: int, new: EdgeSamples) -> None:
+    """Samples of edges low..high - 1, equal parts of the old segments; positions of edges that have not changed."""
+    for e in range(low, high):
+        at = new.first[e]
+        changed = new.first[e + 1] - at > old.first[e + 1] - old.first[e]
+        last = old.first[e + 1] - 1
+        for i in range(old.first[e], last + 1):
+            into = max(parts[i], 1) if changed and i < last else 1
+            for k in range(into):
+                new.t[at] = old.t[i]
+                if k > 0:
+                    new.t[at] += (old.t[i + 1] - old.t[i]) * (k / into)
+                for m in range(3):
+                    new.position[at, m] = old.position[i, m]
+                at += 1
+
+
+def split_segments(
+    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Run
+) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
+    """Cut segments into equal parts, but no edge into more than ``MAX_SAMPLES``.
+
+    Args:
+        g: the part's tables.
+        uses: its coedges by edge.
+        samples: of its edges.
+        parts: (n_samples,) how many parts each segment shall have; below 2 it stays.
+        run: maps a kernel over ranges of edges.
+
+    Returns:
+        The new samples, and which edges (n_edges,) have changed.
+    """
+    first = np.zeros(len(g.edges) + 1, np.int64)
+    _count(samples.first, parts, first[1:])
+    changed = first[1:] > np.diff(samples.first)
+    np.cumsum(first, out=first)
+    split = EdgeSamples(first, np.empty(first[-1]), np.empty((first[-1], 3)), samples.trim)
+    run(lambda low, high: _cut(samples, parts, low, high, split), len(g.edges))
+    return with_positions(g, uses, split, changed, run), changed
