@@ -17,6 +17,7 @@ from nurbs_ooc.bounds.normal_bound import NOISE, unbounded_metric
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
+from nurbs_ooc.tessellation.crease_points import split_at_crease
 from nurbs_ooc.tessellation.deviation import Check, Frame, face_bound
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.refine import (
@@ -40,17 +41,7 @@ from nurbs_ooc.tessellation.shading import (
     fill_facet,
     new_facet,
 )
-from nurbs_ooc.tessellation.triangulate import (
-    CHECKED,
-    FIXED,
-    INSIDE,
-    LAST,
-    N_POINTS,
-    N_TRIANGLES,
-    Triangulation,
-    locate,
-    split,
-)
+from nurbs_ooc.tessellation.triangulate import CHECKED, INSIDE, N_POINTS, N_TRIANGLES, Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 from nurbs_ooc.tessellation.unfold import unfold_poles
 from nurbs_ooc.tessellation.workspace import Workspace
@@ -64,52 +55,6 @@ NOISY = 0.5
 UNBOUNDED = 10.0
 # Of ``t.tri[k, CHECKED]``: the distance is kept, everything is.
 NEAR, KEPT = 1, 2
-
-
-@leaf
-def _cross_point(t: Triangulation, f: Frame, o: Facet, k: int, p: int) -> bool:
-    """Put lattice point ``p`` where an edge of triangle k, a free one, crosses the crease ``o.crease``.
-
-    False if there is no such edge.
-    """
-    along = int(o.crease[0])
-    start, step = (f.u0, f.du) if along == 0 else (f.v0, f.dv)
-    line = int(math.floor((o.crease[1] - start) / step + 0.5))
-    best = 0
-    for i in range(3):
-        if t.tri[k, FIXED + i] > 0:
-            continue
-        a, b = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
-        x, y = t.points[a, along], t.points[b, along]
-        if (x < line < y) or (y < line < x):
-            # The longer the edge, the fewer points it takes.
-            if abs(y - x) <= best:
-                continue
-            best = abs(y - x)
-            share = (line - x) / float(y - x)
-            t.points[p, along] = line
-            other = 1 - along
-            t.points[p, other] = t.points[a, other] + int(
-                math.floor(share * (t.points[b, other] - t.points[a, other]) + 0.5)
-            )
-    return best > 0
-
-
-@leaf
-def _split_at_crease(t: Triangulation, f: Frame, o: Facet, k: int) -> int:
-    """Insert a point where an edge of triangle k crosses the crease that runs through it."""
-    p = t.n[N_POINTS]
-    if p >= len(t.points):
-        return FULL
-    if not _cross_point(t, f, o, k, p):
-        return DONE
-    t.n[LAST] = k
-    where, on = locate(t, p)
-    if t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
-        return DONE
-    t.n[N_POINTS] = p + 1
-    split(t, where, on, p)
-    return DONE
 
 
 @leaf
@@ -129,7 +74,7 @@ def _improve(
 ) -> int:  # fmt: skip
     """Refine triangle k, whose facet is ``o`` and whose ratio exceeds 1: FULL, LONG_EDGE (it is blamed), or DONE."""
     if d.creased and o.crease[0] >= 0.0:
-        return _split_at_crease(t, f, o, k)
+        return split_at_crease(t, f, int(o.crease[0]), o.crease[1], k)
     m = o.second
     if ratio == math.inf:
         unbounded_metric(g, p, row, d.sides, o.uv, m)

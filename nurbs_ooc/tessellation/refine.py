@@ -1,9 +1,10 @@
 """Points where a triangle of a face breaks its bound, until none does.
 
 Triangles are checked one by one (see ``deviation``); one that fails has an edge flipped if that helps
-both sides, or else gets a point on its longest free edge, or, where its boundary edge is the longest,
-between that edge and the opposite corner; the flips that follow measure lengths as the error does at
-that place. Boundary edges are never split here: they belong to two faces.
+both sides, or else gets a point: on a crease that costs much (see ``crease_points``), or on its longest
+free edge, or, where its boundary edge is the longest, between that edge and the opposite corner; the flips
+that follow measure lengths as the error does at that place. Boundary edges are never split here: they
+belong to two faces.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.predicates import orient
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
+from nurbs_ooc.tessellation.crease_points import split_costly_crease
 from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, edge_bound, face_bound, points_bound
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.triangulate import (
@@ -125,6 +127,14 @@ def break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
 
 
 @leaf
+def _add_point(p: Pieces, row: int, f: Frame, t: Triangulation, k: int, free: int, fixed: int, target: float) -> int:
+    """Insert a point of triangle k on a crease that costs much, else as ``break_up``."""
+    before = t.n[N_POINTS]
+    code = split_costly_crease(p, row, f, t, k, target)
+    return break_up(t, k, free, fixed) if t.n[N_POINTS] == before and code != FULL else code
+
+
+@leaf
 def _hopeless(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, target: float, check: Check
 ) -> bool:
@@ -195,7 +205,7 @@ def certify(
                     pass
                 elif _flip_to_fit(g, p, row, c, f, t, k, target, check):
                     again, bound = True, 0.0
-                elif break_up(t, k, free if q_free >= q_fixed else -1, fixed) == FULL:
+                elif _add_point(p, row, f, t, k, free if q_free >= q_fixed else -1, fixed, target) == FULL:
                     return FULL, worst
                 if t.n[N_POINTS] > before:
                     again, bound = True, 0.0
