@@ -54,9 +54,8 @@ def _next_break(g: Tables, row: int, at: float, i: int) -> tuple[float, int]:
 
 
 @kernel
-def _count(g: Tables, counts: Ints, first: int, end: int) -> None:
-    """How many pieces curves first..end - 1 have."""
-    for row in range(first, end):
+def _count(g: Tables, counts: Ints) -> None:
+    for row in range(len(g.curves)):
         c = g.curves[row]
         # What ``sound_tables`` refuses has no pieces: faces along it are FAILED, and nobody asks.
         if not c.t0 < c.t1 or (c.kind == NURBS and not 0 < c.degree <= min(MAX_DEGREE, c.n - 1)):
@@ -183,7 +182,7 @@ def curve_pieces(g: Tables, run: Run = at_once) -> CurvePieces:
         The pieces; a curve of which none can be made has none.
     """
     first = np.zeros(len(g.curves) + 1, np.int64)
-    run(lambda low, high: _count(g, first[1:], low, high), len(g.curves))
+    _count(g, first[1:])
     np.cumsum(first, out=first)
     pieces = CurvePieces(first, np.empty(first[-1]), np.empty((first[-1], SIZE)))
     run(lambda low, high: _fill(g, pieces, low, high), len(g.curves))

@@ -101,4 +101,4 @@ def with_crease_samples(g: Tables, pieces: Pieces, uses: EdgeUses, samples: Edge
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     every = np.insert(samples.t, at + 1, t)
     more = EdgeSamples(first, every, np.empty((len(every), 3)), samples.trim)
-    return with_positions(g, uses, more, np.ones(len(g.edges), np.bool_), run)
+    return with_positions(g, uses, more, run)

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel, leaf
+from nurbs_cache.local_array import local_line, local_table
 from nurbs_cache.surface_record import ON_SURFACE, POLE
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces
@@ -47,6 +48,7 @@ LONGEST_TURN = 2.0 * math.pi / 3.0
 MAX_SAMPLES = 1 << 16
 # Depth of halving of one segment.
 MAX_HALVINGS = 32
+BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 
 
 class EdgeSamples(NamedTuple):
@@ -256,45 +258,44 @@ def _sample_edges(
     return counts, t[:at].copy()
 
 
-@kernel
-def _positions(
-    g: Tables, uses: EdgeUses, first: Ints, t: Floats, missing: npt.NDArray[np.bool_], low: int, high: int, out: Floats
-) -> None:
-    """Points of the samples of edges in the mask ``missing``.
+@leaf
+def place_samples(g: Tables, uses: EdgeUses, samples: EdgeSamples, e: int) -> None:
+    """Write the points of the samples of edge ``e``.
 
     They are the shared vertices at the ends, between them the 3D curve, or the surface without one.
     """
-    scratch = np.empty((4, MAX_DEGREE + 2))
-    point = np.empty(12)
-    for e in range(low, high):
-        if not missing[e]:
-            continue
-        edge = g.edges[e]
-        last = first[e + 1] - 1
-        for i in range(first[e], first[e + 1]):
-            if i == first[e] or i == last or edge.curve == POLE:
-                vertex = edge.vertex1 if i == last else edge.vertex0
-                for k in range(3):
-                    point[k] = g.vertices[vertex, k]
-            elif edge.curve == ON_SURFACE:
-                coedge = uses.coedge[uses.first[e]]
-                coedge_uv(g, coedge, t[i], scratch, point)
-                surface_point(g, uses.surface[coedge], point[0], point[1], scratch, point)
-            else:
-                c = g.curves[edge.curve]
-                s = c.t0 + (t[i] - edge.t0) * (c.t1 - c.t0) / (edge.t1 - edge.t0)
-                curve_point(g, edge.curve, s, scratch, point)
+    scratch = local_table(4, BASIS)
+    point = local_line(12)
+    edge = g.edges[e]
+    first, last = samples.first[e], samples.first[e + 1] - 1
+    for i in range(first, last + 1):
+        t = samples.t[i]
+        if i == first or i == last or edge.curve == POLE:
+            vertex = edge.vertex1 if i == last else edge.vertex0
             for k in range(3):
-                out[i, k] = point[k]
+                point[k] = g.vertices[vertex, k]
+        elif edge.curve == ON_SURFACE:
+            coedge = uses.coedge[uses.first[e]]
+            coedge_uv(g, coedge, t, scratch, point)
+            surface_point(g, uses.surface[coedge], point[0], point[1], scratch, point)
+        else:
+            c = g.curves[edge.curve]
+            s = c.t0 + (t - edge.t0) * (c.t1 - c.t0) / (edge.t1 - edge.t0)
+            curve_point(g, edge.curve, s, scratch, point)
+        for k in range(3):
+            samples.position[i, k] = point[k]
 
 
-def with_positions(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, missing: npt.NDArray[np.bool_], run: Run
-) -> EdgeSamples:
-    """``samples`` with the positions of those of edges in the mask ``missing`` (n_edges,) written."""
-    s = samples
-    run(lambda low, high: _positions(g, uses, s.first, s.t, missing, low, high, s.position), len(g.edges))
-    return s
+@kernel
+def _place_samples(g: Tables, uses: EdgeUses, samples: EdgeSamples, low: int, high: int) -> None:
+    for e in range(low, high):
+        place_samples(g, uses, samples, e)
+
+
+def with_positions(g: Tables, uses: EdgeUses, samples: EdgeSamples, run: Run) -> EdgeSamples:
+    """``samples`` with the positions of all of them written."""
+    run(lambda low, high: _place_samples(g, uses, samples, low, high), len(g.edges))
+    return samples
 
 
 def sample_edges(
@@ -320,4 +321,4 @@ def sample_edges(
     counts = [np.zeros(1, np.int64), *(r[0] for r in results)]
     t = np.concatenate([np.zeros(0), *(r[1] for r in results)])
     samples = EdgeSamples(np.cumsum(np.concatenate(counts)), t, np.empty((len(t), 3)), trim)
-    return with_positions(g, uses, samples, np.ones(len(g.edges), np.bool_), run)
+    return with_positions(g, uses, samples, run)

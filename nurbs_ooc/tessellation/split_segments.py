@@ -9,7 +9,7 @@ from nurbs_cache.jit import kernel
 from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
-from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples, with_positions
+from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples, place_samples
 
 Ints = npt.NDArray[np.int64]
 
@@ -27,8 +27,8 @@ def _count(first: Ints, parts: Ints, counts: Ints) -> None:
 
 
 @kernel
-def _cut(old: EdgeSamples, parts: Ints, low: int, high: int, new: EdgeSamples) -> None:
-    """Samples of edges low..high - 1, equal parts of the old segments; positions of edges that have not changed."""
+def _cut(g: Tables, uses: EdgeUses, old: EdgeSamples, parts: Ints, low: int, high: int, new: EdgeSamples) -> None:
+    """Samples of edges low..high - 1: equal parts of the old segments."""
     for e in range(low, high):
         at = new.first[e]
         changed = new.first[e + 1] - at > old.first[e + 1] - old.first[e]
@@ -42,6 +42,8 @@ def _cut(old: EdgeSamples, parts: Ints, low: int, high: int, new: EdgeSamples) -
                 for m in range(3):
                     new.position[at, m] = old.position[i, m]
                 at += 1
+        if changed:
+            place_samples(g, uses, new, e)
 
 
 def split_segments(
@@ -64,5 +66,5 @@ def split_segments(
     changed = first[1:] > np.diff(samples.first)
     np.cumsum(first, out=first)
     split = EdgeSamples(first, np.empty(first[-1]), np.empty((first[-1], 3)), samples.trim)
-    run(lambda low, high: _cut(samples, parts, low, high, split), len(g.edges))
-    return with_positions(g, uses, split, changed, run), changed
+    run(lambda low, high: _cut(g, uses, samples, parts, low, high, split), len(g.edges))
+    return split, changed

@@ -12,21 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from nurbs_ooc.geometry.ranges import Run
 
 # Items per call where one thread does them all: what comes out of a call is copied once more if there are several.
 ALONE = 8192
 # Items per call of several threads: many, for the overhead of a call is some 50 µs, yet few enough to share out.
-FACES = 128
+FACES = 256
 EDGES = 512
 CURVES = 2048
 # A range is at most this part of what is left for each thread.
-SHARES = 4
+SHARES = 2
 # Ranges end to shrink at this part of the longest, for calls cost something too; of few items, at one.
-SHORTEST = 16
+SHORTEST = 32
 
 
 def ranges(n: int, workers: int, longest: int) -> list[tuple[int, int]]:
@@ -42,22 +41,15 @@ def ranges(n: int, workers: int, longest: int) -> list[tuple[int, int]]:
 
 
 class Threads:
-    """The caller's thread and ``workers - 1`` more, for one run after another; a context, at whose end those end.
+    """The caller's thread and ``workers - 1`` more, for one run after another; those end when nobody has this any more.
 
     Args:
         workers: threads that work at the same time; 1 for the caller's alone.
     """
 
     def __init__(self, workers: int) -> None:
-        self._workers = max(1, workers)
-        self._others = ThreadPoolExecutor(self._workers - 1) if self._workers > 1 else None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        if self._others is not None:
-            self._others.shutdown()
+        self.workers = max(1, workers)
+        self._others = ThreadPoolExecutor(self.workers - 1) if self.workers > 1 else None
 
     def runner(self, longest: int) -> Run:
         """A ``Run`` on these threads, with ranges of at most ``longest`` items if there are several."""
@@ -66,7 +58,7 @@ class Threads:
             return _alone
 
         def run(kernel: Callable[[int, int], Any], n: int) -> list[Any]:
-            parts = ranges(n, self._workers, longest)
+            parts = ranges(n, self.workers, longest)
             results: list[Any] = [None] * len(parts)
             left = iter(range(len(parts)))  # shared: whoever is free takes the next
 
@@ -74,7 +66,7 @@ class Threads:
                 for k in left:
                     results[k] = kernel(*parts[k])
 
-            helpers = [others.submit(work) for _ in range(min(self._workers, len(parts)) - 1)]
+            helpers = [others.submit(work) for _ in range(min(self.workers, len(parts)) - 1)]
             try:
                 work()
             finally:
