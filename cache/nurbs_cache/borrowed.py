@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numba
 from numba.core import types
 from numba.core.errors import TypingError
+from numba.core.types.containers import BaseTuple
+from numba.core.types.misc import MemInfoPointer, NoneType
 from numba.extending import intrinsic
 
 T = TypeVar("T")
@@ -20,10 +22,10 @@ def _lend(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """The value of a type with the owners of its arrays taken off."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
-        array.meminfo = context.get_constant_null(types.MemInfoPointer(types.voidptr))
+        array.meminfo = context.get_constant_null(MemInfoPointer(types.voidptr))
         array.parent = context.get_constant_null(types.pyobject)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, BaseTuple):
         for k, part in enumerate(kind):
             lent = _lend(context, builder, part, builder.extract_value(value, k))
             value = builder.insert_value(value, lent, k)
@@ -32,9 +34,9 @@ def _lend(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 def _holds_nothing_else(kind: Any) -> bool:
     """Whether a type is an array, a number or None, or a tuple of such."""
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, BaseTuple):
         return all(_holds_nothing_else(part) for part in kind)
-    return isinstance(kind, types.Array | types.Number | types.Boolean | types.NoneType)
+    return isinstance(kind, types.Array | types.Number | types.Boolean | NoneType)
 
 
 @intrinsic  # type: ignore[untyped-decorator]

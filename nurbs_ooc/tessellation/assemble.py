@@ -1,6 +1,6 @@
 """One mesh from the rounds of a tessellation: each face as the last round that did it left it, copied once.
 
-A round leaves its faces in chunks, one after the other; they are copied chunk by chunk to where they belong, by
+A round leaves its faces in chunks, as threads took them; they are copied chunk by chunk to where they belong, by
 all threads. A mesh that is one chunk as it is needs no copy at all.
 """
 
@@ -29,15 +29,24 @@ class Chunk(NamedTuple):
 
     Attributes:
         output: their vertices, triangles and segments, face after face.
+        turns: (n,) which of the faces of the round they are.
         ends: (n, 3) where those of each face end.
         codes: (n, 3) result of ``tessellate_face``, status, reason.
         errors: (n, 5) mm: surface, trim and p-curve error; then the normals' (radians) and the combined error.
     """
 
     output: Output
+    turns: Ints
     ends: Ints
     codes: Ints
     errors: Floats
+
+
+class Round(NamedTuple):
+    """Faces that have been done at the same edge samples: their rows in the order of the chunks."""
+
+    rows: Ints
+    chunks: list[Chunk]
 
 
 class _Latest(NamedTuple):
@@ -129,17 +138,17 @@ def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
     codes[kept_open, 2] = FaceReason.FILE_GAP
 
 
-def _latest(rounds: Sequence[tuple[Ints, Sequence[Chunk]]], faces: Ints) -> _Latest:
+def _latest(rounds: Sequence[Round], faces: Ints) -> _Latest:
     """The ``faces`` as the last round left them."""
-    chunks = [chunk for _, round_chunks in rounds for chunk in round_chunks]
+    chunks = [chunk for done in rounds for chunk in done.chunks]
     sizes = np.array([len(c.ends) for c in chunks], np.int64)
     number = np.repeat(np.arange(len(chunks)), sizes)
     within = np.arange(len(number)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    last = np.zeros(1 + max(int(rows.max(initial=-1)) for rows, _ in rounds), np.int64)
+    last = np.zeros(1 + max(int(done.rows.max(initial=-1)) for done in rounds), np.int64)
     at = 0
-    for rows, _ in rounds:
-        last[rows] = np.arange(at, at + len(rows))
-        at += len(rows)
+    for done in rounds:
+        last[done.rows] = np.arange(at, at + len(done.rows))
+        at += len(done.rows)
     pick = last[faces]
     starts = np.zeros((len(faces) + 1, 3), np.int64)
     counts = [np.diff(c.ends, axis=0, prepend=np.zeros((1, 3), np.int64)) for c in chunks]
@@ -155,7 +164,7 @@ def _nothing() -> _Latest:
 
 
 def assemble(
-    rounds: Sequence[tuple[Ints, Sequence[Chunk]]],
+    rounds: Sequence[Round],
     faces: Ints,
     error: float,
     approximation: Floats,
@@ -166,7 +175,7 @@ def assemble(
     """The mesh of ``faces``.
 
     Args:
-        rounds: the rows of each round, and its chunks in their order.
+        rounds: all of them in their order.
         faces: (n,) distinct rows, each in one round at least.
         error: mm, what was asked for.
         approximation: (n,) mm: what the faces' own surfaces are off by, part of the p-curve error.
@@ -176,7 +185,7 @@ def assemble(
     latest = _latest(rounds, faces) if len(faces) else _nothing()
     starts, codes, errors = latest.starts, latest.codes, latest.errors
     _name_gaps(codes, errors, error)
-    whole = len(latest.chunks) == 1 and np.array_equal(rounds[0][0], faces)
+    whole = len(latest.chunks) == 1 and np.array_equal(rounds[0].rows, faces)
     arrays = _as_they_are(latest.chunks[0]) if whole else _copied(latest, run)
     return MeshBatch(
         faces=faces,

@@ -15,6 +15,7 @@ from nurbs_cache.borrowed import borrowed
 from nurbs_cache.jit import helper, kernel
 
 Floats = npt.NDArray[np.float64]
+pytestmark = pytest.mark.kernel
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="plain Python counts by itself")
 
 
