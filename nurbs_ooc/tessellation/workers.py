@@ -27,7 +27,7 @@ class Lengths(NamedTuple):
 
 
 SURFACES = Lengths(256, 4)
-EDGES = Lengths(512, 16)
+EDGES = Lengths(512, 8)
 CURVES = Lengths(2048, 128)
 CHUNKS = Lengths(1, 1)
 # Items per call where one thread does them all.
