@@ -11,6 +11,7 @@ from nurbs_ooc.geometry import interpolation
 from nurbs_ooc.geometry.builder import BatchBuilder, Coedge
 from nurbs_ooc.geometry.forms import Array, CurveForm, SurfaceForm, Vector
 from nurbs_ooc.geometry.natural_boundary import natural_loop
+from nurbs_ooc.geometry.torn import whole_parts
 
 X, Y, Z = np.eye(3)
 ORIGIN = (0.0, 0.0, 0.0)
@@ -18,10 +19,15 @@ TURN = 2.0 * np.pi
 
 
 def add_face(builder: BatchBuilder, form: SurfaceForm, *, reversed: bool = False, material: int = 0) -> int:
-    """Append ``form`` with its natural boundary; seams and poles are found by themselves."""
-    row = builder.surface(form, reversed=reversed, material=material)
-    builder.loop(natural_loop(builder, form))
-    return row
+    """Append ``form`` with its natural boundary; seams and poles are found by themselves.
+
+    A torn surface becomes a face for each of its parts. Returns the row of the first.
+    """
+    rows = []
+    for part in whole_parts(form):
+        rows.append(builder.surface(part, reversed=reversed, material=material))
+        builder.loop(natural_loop(builder, part))
+    return rows[0]
 
 
 def add_plane(builder: BatchBuilder, width: float = 1.0, height: float = 1.0, origin: Vector = ORIGIN) -> int:

@@ -21,6 +21,7 @@ from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import Array, SurfaceForm
 from nurbs_ooc.geometry.natural_boundary import natural_loop
+from nurbs_ooc.geometry.torn import whole_parts
 from nurbs_ooc.readers.clamping import clamp
 from nurbs_ooc.readers.faces import add_failed
 from nurbs_ooc.readers.refusal import FaceRefusedError, require_finite, require_knots, require_weights
@@ -78,12 +79,12 @@ class BareSurface:
         return f"{self.entity.label or 'surface'} D{self.entity.number}"
 
     def geometry(self, unit_mm: float, material: int) -> GeometryBatch:
-        """One part with this one face, in mm."""
+        """One part with this face, in mm; a face for each part of a torn surface."""
         builder = BatchBuilder()
         try:
-            form = self._form(unit_mm)
-            builder.surface(form, material=material, source=self.name)
-            builder.loop(natural_loop(builder, form))
+            for form in whole_parts(self._form(unit_mm)):
+                builder.surface(form, material=material, source=self.name)
+                builder.loop(natural_loop(builder, form))
         except FaceRefusedError as refusal:
             builder = BatchBuilder()
             add_failed(builder, refusal.reason, material, f"{self.name} ({refusal})")

@@ -10,11 +10,13 @@ import pytest
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import CurveForm
+from nurbs_ooc.geometry.natural_boundary import natural_loop
 from nurbs_ooc.geometry.sample_faces import add_plane, add_sphere
 from nurbs_ooc.measure.attack_mesh import attack_mesh
 from nurbs_ooc.tessellation.tessellate import tessellate
 from tests.hard.apart import tessellate_apart
-from tests.hard.catalogue import CASES, DEGENERATE
+from tests.hard.catalogue import DEGENERATE
+from tests.hard.splines import two_pieces
 from tests.hard.variants import joined
 
 LIMIT_S = 60  # a mesh of these is a matter of milliseconds; this only ends what does not end by itself
@@ -56,8 +58,11 @@ def test_a_bad_face_spoils_no_other(name: str, tmp_path: Path) -> None:
     assert mesh.status[0] == FaceStatus.EXACT
 
 
-def test_a_knot_that_tears_the_surface_is_refused() -> None:
-    mesh = tessellate(CASES["knot_p+1_two_components"].geometry(), 1e-2)
+def test_a_record_that_its_knots_tear_is_refused() -> None:
+    builder = BatchBuilder()
+    builder.surface(two_pieces())
+    builder.loop(natural_loop(builder, two_pieces()))
+    mesh = tessellate(builder.build(), 1e-2)
     assert (mesh.status[0], mesh.reason[0]) == (FaceStatus.FAILED, FaceReason.BAD_KNOTS)
 
 

@@ -108,6 +108,19 @@ def test_bad_knots_and_numbers_fail(tmp_path: Path) -> None:
     assert reasons == [FaceReason.BAD_KNOTS, FaceReason.NOT_FINITE, FaceReason.BAD_KNOTS]
 
 
+def test_torn_surface_is_read_as_its_parts(tmp_path: Path) -> None:
+    """Two patches of degree 1 by 1 in one entity; between them control points that belong to neither."""
+    knots = [0, 0, 1, 1, 1, 1, 2, 2, 0, 0, 1, 1]  # the inner one of multiplicity degree + 3
+    points = [(x, y, z) for y in (0, 1) for x, z in ((0, 0), (1, 0), (9, 9), (9, 9), (2, 5), (3, 5))]
+    values = [5, 1, 1, 1, 0, 0, 1, 0, 0, *knots, *[1] * 12, *[c for p in points for c in p], 0, 2, 0, 1]
+    path = tmp_path / "torn.igs"
+    path.write_bytes(iges([(128, values, {})]))
+    [batch] = bare(path, set())
+    assert batch.surfaces["status"].tolist() == [FaceStatus.EXACT] * 2
+    middle = [surface_points(batch, row, np.array([[u, 0.5]]))[0] for row, u in ((0, 0.5), (1, 1.5))]
+    np.testing.assert_allclose(middle, 25.4 * np.array([[0.5, 0.5, 0.0], [2.5, 0.5, 5.0]]))
+
+
 def test_kernel_and_text_give_a_surface_once(tmp_path: Path) -> None:
     path = tmp_path / "one.igs.gz"
     path.write_bytes(gzip.compress(iges([(128, patch(), {"colour": 2})])))
