@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.ranges import at_once
@@ -12,6 +13,8 @@ from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses
 from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples
 from nurbs_ooc.tessellation.split_segments import split_segments
 from nurbs_ooc.tessellation.workers import Lengths, Threads
+
+pytestmark = pytest.mark.kernel
 
 
 def _sampled() -> tuple[Tables, EdgeUses, EdgeSamples]:
