@@ -14,8 +14,6 @@ from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples
 from nurbs_ooc.tessellation.split_segments import split_segments
 from nurbs_ooc.tessellation.workers import Lengths, Threads
 
-pytestmark = pytest.mark.kernel
-
 
 def _sampled() -> tuple[Tables, EdgeUses, EdgeSamples]:
     """Every edge but the first at its ends and two thirds of its range; the first has no samples."""
@@ -30,6 +28,7 @@ def _sampled() -> tuple[Tables, EdgeUses, EdgeSamples]:
     return g, edge_uses(g), EdgeSamples(first.astype(np.int64), t, position, np.zeros(len(g.coedges)))
 
 
+@pytest.mark.kernel
 def test_segments_become_equal_parts_and_other_edges_stay() -> None:
     g, uses, old = _sampled()
     parts = np.zeros(len(old.t), np.int64)
@@ -57,6 +56,7 @@ def test_no_edge_gets_more_samples_than_there_may_be() -> None:
     assert new.first[3] - new.first[2] == 3
 
 
+@pytest.mark.kernel
 def test_the_result_does_not_depend_on_threads() -> None:
     g, uses, old = _sampled()
     parts = np.arange(len(old.t), dtype=np.int64) % 4
