@@ -15,7 +15,6 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.geometry.ranges import Run
-from nurbs_ooc.tessellation.emit import Output
 from nurbs_ooc.tessellation.mesh import NOT_ASKED, MeshBatch
 
 Floats = npt.NDArray[np.float64]
@@ -24,18 +23,28 @@ Ints = npt.NDArray[np.int64]
 VERTICES, TRIANGLES, SEGMENTS = 0, 1, 2
 
 
+class Arrays(NamedTuple):
+    """Those of a mesh, as in ``MeshBatch``, or of a part of one, with room behind what is in use."""
+
+    position: Floats
+    normal: Floats
+    uv: Floats
+    triangle: Ints
+    segment: Ints
+
+
 class Chunk(NamedTuple):
     """Some faces of a round.
 
     Attributes:
-        output: their vertices, triangles and segments, face after face.
+        arrays: their vertices, triangles and segments, face after face.
         turns: (n,) which of the faces of the round they are.
         ends: (n, 3) where those of each face end.
         codes: (n, 3) result of ``tessellate_face``, status, reason.
         errors: (n, 5) mm: surface, trim and p-curve error; then the normals' (radians) and the combined error.
     """
 
-    output: Output
+    arrays: Arrays
     turns: Ints
     ends: Ints
     codes: Ints
@@ -60,18 +69,8 @@ class _Latest(NamedTuple):
     errors: Floats  # (n, 5)
 
 
-class _Arrays(NamedTuple):
-    """The arrays of the mesh, as in ``MeshBatch``."""
-
-    position: Floats
-    normal: Floats
-    uv: Floats
-    triangle: Ints
-    segment: Ints
-
-
 @kernel
-def _copy_faces(o: Output, ends: Ints, place: Ints, start: Ints, out: _Arrays) -> None:
+def _copy_faces(o: Arrays, ends: Ints, place: Ints, start: Ints, out: Arrays) -> None:
     """Copy the faces ``place`` (n,) of a chunk to where they begin in the mesh, by ``start`` (n, 3)."""
     for i in range(len(place)):
         face = place[i]
@@ -98,10 +97,10 @@ def _copy_faces(o: Output, ends: Ints, place: Ints, start: Ints, out: _Arrays) -
             to += 1
 
 
-def _copied(latest: _Latest, run: Run) -> _Arrays:
+def _copied(latest: _Latest, run: Run) -> Arrays:
     """The faces of all chunks, each where it belongs."""
     vertices, triangles, segments = latest.starts[-1].tolist()
-    out = _Arrays(
+    out = Arrays(
         np.empty((vertices, 3)), np.empty((vertices, 3)), np.empty((vertices, 2)),
         np.empty((triangles, 3), np.int64), np.empty((segments, 2), np.int64),
     )  # fmt: skip
@@ -112,17 +111,17 @@ def _copied(latest: _Latest, run: Run) -> _Arrays:
     def copy(low: int, high: int) -> None:
         for c in range(low, high):
             own = slice(of_chunk[c], of_chunk[c + 1])
-            _copy_faces(latest.chunks[c].output, latest.chunks[c].ends, place[own], start[own], out)
+            _copy_faces(latest.chunks[c].arrays, latest.chunks[c].ends, place[own], start[own], out)
 
     run(copy, len(latest.chunks))
     return out
 
 
-def _as_they_are(chunk: Chunk) -> _Arrays:
+def _as_they_are(chunk: Chunk) -> Arrays:
     """The arrays of a chunk that is the mesh."""
-    o = chunk.output
+    o = chunk.arrays
     vertices, triangles, segments = chunk.ends[-1].tolist()
-    return _Arrays(
+    return Arrays(
         o.position[:vertices], o.normal[:vertices], o.uv[:vertices], o.triangle[:triangles], o.segment[:segments]
     )
 

@@ -15,7 +15,7 @@ from nurbs_cache.surface_record import FaceReason
 from nurbs_cache.turns import new_turns, next_turn
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.assemble import Chunk, Round
+from nurbs_ooc.tessellation.assemble import Arrays, Chunk, Round
 from nurbs_ooc.tessellation.edges import EdgeSamples
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
 from nurbs_ooc.tessellation.face import (
@@ -110,8 +110,11 @@ def _face_after_face(
 def _faces(
     g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, turns: Ints, error: float, final: bool, wanted: Ints,
     aim: Aim | None, expected: int,
-) -> tuple[Output, Ints, Ints, Ints, Floats]:  # fmt: skip
-    """Tessellate faces that others leave, some ``expected``: the fields of a ``Chunk``."""
+) -> tuple[tuple[Floats, Floats, Floats, Ints, Ints], tuple[Ints, Ints, Ints, Floats]]:  # fmt: skip
+    """Tessellate faces that others leave, some ``expected``: ``Arrays``, and the other fields of their ``Chunk``.
+
+    In plain tuples: to make a named one Python runs code, and if Ctrl-C is waiting numba gets nothing and crashes.
+    """
     most = min(len(faces), MOST_FACES)
     o = new_output(FIRST_VERTICES * min(expected, most))
     taken = np.empty(most, dtype=np.int64)
@@ -134,7 +137,8 @@ def _faces(
             o = with_room(o)
         else:
             break
-    return o, taken[:done], ends[:done], codes[:done], errors[:done]
+    arrays = o.position, o.normal, o.uv, o.triangle, o.segment
+    return arrays, (taken[:done], ends[:done], codes[:done], errors[:done])
 
 
 def run_faces(
@@ -160,8 +164,8 @@ def run_faces(
         chunks = []
         try:
             while turns[0] < len(faces):
-                fields = _faces(g, pieces, samples, faces, turns, error, final, wanted, aim, expected)
-                chunks.append(Chunk(*fields))
+                arrays, found = _faces(g, pieces, samples, faces, turns, error, final, wanted, aim, expected)
+                chunks.append(Chunk(Arrays(*arrays), *found))
         finally:
             turns[0] = len(faces)  # after a failure nobody begins another
         return chunks, wanted

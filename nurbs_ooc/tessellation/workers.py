@@ -30,8 +30,7 @@ SURFACES = Lengths(256, 4)
 EDGES = Lengths(512, 8)
 CURVES = Lengths(2048, 128)
 CHUNKS = Lengths(1, 1)
-# Items per call where one thread does them all.
-ALONE = 8192
+ALONE = Lengths(8192, 8192)  # where one thread does them all
 # A range is at most this part of what is left for each thread.
 SHARES = 2
 
@@ -45,6 +44,17 @@ def ranges(n: int, workers: int, lengths: Lengths) -> list[tuple[int, int]]:
         found.append((low, low + size))
         low += size
     return found
+
+
+def _interrupted(error: SystemError) -> bool:
+    """Whether Ctrl-C while compiled code ran is at the root of it.
+
+    numba then makes arrays of its results with the signal waiting; Python complains, once for each.
+    """
+    cause: BaseException | None = error
+    while isinstance(cause, SystemError):
+        cause = cause.__cause__
+    return isinstance(cause, KeyboardInterrupt)
 
 
 class Threads:
@@ -68,6 +78,10 @@ class Threads:
             helpers = [self._others.submit(call) for _ in range(min(self.workers, n) - 1)]
         try:
             results = [call()]
+        except SystemError as error:
+            if _interrupted(error):
+                raise KeyboardInterrupt from error
+            raise
         finally:
             begun = [helper for helper in helpers if not helper.cancel()]
             more = [helper.result() for helper in begun]
@@ -75,11 +89,9 @@ class Threads:
 
     def runner(self, lengths: Lengths) -> Run:
         """A ``Run`` on these threads."""
-        if self._others is None:
-            return _alone
 
         def run(kernel: Callable[[int, int], Any], n: int) -> list[Any]:
-            parts = ranges(n, self.workers, lengths)
+            parts = ranges(n, self.workers, lengths if self.workers > 1 else ALONE)
             results: list[Any] = [None] * len(parts)
             left = iter(range(len(parts)))  # of all threads: who is free takes the next
 
@@ -95,7 +107,3 @@ class Threads:
             return results
 
         return run
-
-
-def _alone(kernel: Callable[[int, int], Any], n: int) -> list[Any]:
-    return [kernel(low, min(low + ALONE, n)) for low in range(0, n, ALONE)]

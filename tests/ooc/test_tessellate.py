@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -178,6 +180,22 @@ def test_more_faces_than_a_chunk_has() -> None:
     area = _area(tessellate(alone, 1e-2))
     assert area > 0.0
     assert _area(one) == pytest.approx(len(batch) * area, rel=1e-9)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_while_compiled_code_runs_is_an_interrupt(workers: int) -> None:
+    code = (
+        "import os, signal, sys, threading, time\n"
+        "from nurbs_ooc.synth.car_body import car_body\n"
+        "from nurbs_ooc.tessellation.tessellate import tessellate\n"
+        "g, workers = car_body(), int(sys.argv[1])\n"
+        "tessellate(g, 5.0, workers=workers)\n"
+        "threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "try: tessellate(g, 0.01, workers=workers)\n"  # about two seconds
+        "except KeyboardInterrupt: print('interrupted')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(workers)], check=False, capture_output=True, text=True)
+    assert done.stdout == "interrupted\n", done.stderr
 
 
 def add_strips(builder: BatchBuilder) -> int:
