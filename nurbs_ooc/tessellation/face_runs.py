@@ -46,6 +46,8 @@ NO_OUTPUT = 3
 FIRST_VERTICES = 256
 # Faces of a chunk, at most: what comes out is copied once more if there are several.
 MOST_FACES = 8192
+# The same of several threads, whose chunks are copied anyway: Ctrl-C is noticed between them.
+FEW_FACES = 256
 NO_TRIANGLES = int(FaceReason.NO_TRIANGLES)
 
 
@@ -109,14 +111,13 @@ def _face_after_face(
 @kernel
 def _faces(
     g: Tables, p: Pieces, samples: EdgeSamples, faces: Ints, turns: Ints, error: float, final: bool, wanted: Ints,
-    aim: Aim | None, expected: int,
+    aim: Aim | None, most: int,
 ) -> tuple[tuple[Floats, Floats, Floats, Ints, Ints], tuple[Ints, Ints, Ints, Floats]]:  # fmt: skip
-    """Tessellate faces that others leave, some ``expected``: ``Arrays``, and the other fields of their ``Chunk``.
+    """Tessellate at most ``most`` faces that others leave: ``Arrays``, and the other fields of their ``Chunk``.
 
     In plain tuples: to make a named one Python runs code, and if Ctrl-C is waiting numba gets nothing and crashes.
     """
-    most = min(len(faces), MOST_FACES)
-    o = new_output(FIRST_VERTICES * min(expected, most))
+    o = new_output(FIRST_VERTICES * most)
     taken = np.empty(most, dtype=np.int64)
     ends = np.zeros((most, 3), dtype=np.int64)
     codes = np.zeros((most, 3), dtype=np.int64)
@@ -156,7 +157,7 @@ def run_faces(
         threads: those that do it.
     """
     turns = new_turns()
-    expected = -(-len(faces) // threads.workers)
+    most = min(len(faces), MOST_FACES if threads.workers == 1 else FEW_FACES)
 
     def share() -> tuple[list[Chunk], Ints]:
         """What one thread has done."""
@@ -164,7 +165,7 @@ def run_faces(
         chunks = []
         try:
             while turns[0] < len(faces):
-                arrays, found = _faces(g, pieces, samples, faces, turns, error, final, wanted, aim, expected)
+                arrays, found = _faces(g, pieces, samples, faces, turns, error, final, wanted, aim, most)
                 chunks.append(Chunk(Arrays(*arrays), *found))
         finally:
             turns[0] = len(faces)  # after a failure nobody begins another
