@@ -45,6 +45,9 @@ AIM = 0.999
 LONGEST_TURN = 2.0 * math.pi / 3.0
 # Samples of one edge: beyond it the error is reported as it is.
 MAX_SAMPLES = 1 << 16
+# An edge is cut further where faces ask for it, into so many times its samples or to so many at most: what wants more
+# moves by more than the error within any step of its parameter.
+MOST_GROWN, GROWN_SAMPLES = 64, 1 << 13
 # Depth of halving of one segment.
 MAX_HALVINGS = 32
 
@@ -324,16 +327,22 @@ def sample_edges(
     return with_positions(g, uses, samples, np.ones(len(g.edges), np.bool_), run)
 
 
+def most_samples(samples: EdgeSamples) -> Ints:
+    """(n_edges,) how many samples edges that have these at first may get."""
+    return np.minimum(np.maximum(np.diff(samples.first) * MOST_GROWN, GROWN_SAMPLES), MAX_SAMPLES)
+
+
 def split_segments(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
+    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, most: Ints, run: Callable[..., list[Any]]
 ) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
-    """Cut segments into equal parts, but no edge into more than ``MAX_SAMPLES``.
+    """Cut segments into equal parts, but no edge into more than its ``most``.
 
     Args:
         g: the part's tables.
         uses: its coedges by edge.
         samples: of its edges.
         parts: (n_samples,) how many parts each segment shall have; below 2 it stays.
+        most: (n_edges,) samples; an edge that would get more stays as it is.
         run: maps a kernel over ranges of edges, in order.
 
     Returns:
@@ -343,7 +352,7 @@ def split_segments(
     ends[samples.first[1:][np.diff(samples.first) > 0] - 1] = True
     into = np.where(ends, 1, np.maximum(parts, 1))
     edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
-    many = np.bincount(edge, weights=into, minlength=len(g.edges)) > MAX_SAMPLES
+    many = np.bincount(edge, weights=into, minlength=len(g.edges)) > most
     into[many[edge]] = 1
     own = np.repeat(np.arange(len(into)), into)
     share = np.arange(len(own)) - np.repeat(np.cumsum(into) - into, into)

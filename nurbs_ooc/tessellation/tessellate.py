@@ -24,7 +24,7 @@ from nurbs_ooc.tessellation.assemble import Chunk, assemble
 from nurbs_ooc.tessellation.beside_edges import BesideEdgesByError
 from nurbs_ooc.tessellation.crease_samples import with_crease_samples
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses, faces_of_edges, uses_of_faces, with_neighbours
-from nurbs_ooc.tessellation.edges import EdgeSamples, sample_edges, split_segments
+from nurbs_ooc.tessellation.edges import EdgeSamples, most_samples, sample_edges, split_segments
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
 from nurbs_ooc.tessellation.face import (
     BOX_AS_POINTS,
@@ -244,6 +244,7 @@ class Tessellator:
         samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
         if aim is not None:
             samples = with_crease_samples(g, pieces, uses, samples, run_edges)
+        most = most_samples(samples)
         rounds: list[tuple[Ints, list[Chunk]]] = []
         final = False
         while True:
@@ -252,7 +253,7 @@ class Tessellator:
             rounds.append((rows, chunks))
             if final or not parts.any():
                 break
-            samples, changed = split_segments(g, uses, samples, parts, run_edges)
+            samples, changed = split_segments(g, uses, samples, parts, most, run_edges)
             # Once more: who asked, and who looks at an edge that has changed.
             again = faces_of_edges(g, uses, changed)
             again[rows[_waiting(chunks)]] = True
