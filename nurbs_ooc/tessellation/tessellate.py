@@ -24,7 +24,7 @@ from nurbs_ooc.tessellation.face import NEEDS_SAMPLES
 from nurbs_ooc.tessellation.face_runs import run_faces
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.shading import Aim
-from nurbs_ooc.tessellation.split_segments import split_segments
+from nurbs_ooc.tessellation.split_segments import most_samples, split_segments
 from nurbs_ooc.tessellation.workers import CHUNKS, CURVES, EDGES, SURFACES, Threads
 
 Floats = npt.NDArray[np.float64]
@@ -125,6 +125,7 @@ class Tessellator:
         samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
         if aim is not None:
             samples = with_crease_samples(g, pieces, uses, samples, run_edges)
+        most = most_samples(samples)
         rounds: list[Round] = []
         final = False
         while True:
@@ -132,7 +133,7 @@ class Tessellator:
             rounds.append(done)
             if final or not parts.any():
                 break
-            samples, changed = split_segments(g, uses, samples, parts, run_edges)
+            samples, changed = split_segments(g, uses, samples, parts, most, run_edges)
             # Once more: who asked, and who looks at an edge that has changed.
             again = faces_of_edges(g, uses, changed)
             again[_waiting(done)] = True

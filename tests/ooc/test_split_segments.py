@@ -10,8 +10,8 @@ from nurbs_ooc.geometry.ranges import at_once
 from nurbs_ooc.geometry.sample_faces import add_cylinder, add_plane
 from nurbs_ooc.geometry.tables import Tables, tables
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses
-from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples
-from nurbs_ooc.tessellation.split_segments import split_segments
+from nurbs_ooc.tessellation.edges import EdgeSamples
+from nurbs_ooc.tessellation.split_segments import GROWN_SAMPLES, most_samples, split_segments
 from nurbs_ooc.tessellation.workers import Lengths, Threads
 
 
@@ -34,7 +34,7 @@ def test_segments_become_equal_parts_and_other_edges_stay() -> None:
     parts = np.zeros(len(old.t), np.int64)
     parts[old.first[2]] = 4  # the first segment of edge 2
     parts[old.first[3] - 1] = 9  # the last sample of edge 2 begins none
-    new, changed = split_segments(g, uses, old, parts, at_once)
+    new, changed = split_segments(g, uses, old, parts, most_samples(old), at_once)
     assert np.flatnonzero(changed).tolist() == [2]
     assert np.array_equal(np.diff(new.first), np.diff(old.first) + np.where(changed, 3, 0))
     a, b, c = old.t[old.first[2] : old.first[3]]
@@ -49,10 +49,10 @@ def test_segments_become_equal_parts_and_other_edges_stay() -> None:
 def test_no_edge_gets_more_samples_than_there_may_be() -> None:
     g, uses, old = _sampled()
     parts = np.ones(len(old.t), np.int64)
-    parts[old.first[1]], parts[old.first[2]] = MAX_SAMPLES - 2, MAX_SAMPLES - 1
-    new, changed = split_segments(g, uses, old, parts, at_once)
+    parts[old.first[1]], parts[old.first[2]] = GROWN_SAMPLES - 2, GROWN_SAMPLES - 1
+    new, changed = split_segments(g, uses, old, parts, most_samples(old), at_once)
     assert np.flatnonzero(changed).tolist() == [1]
-    assert new.first[2] - new.first[1] == MAX_SAMPLES
+    assert new.first[2] - new.first[1] == GROWN_SAMPLES
     assert new.first[3] - new.first[2] == 3
 
 
@@ -60,7 +60,7 @@ def test_no_edge_gets_more_samples_than_there_may_be() -> None:
 def test_the_result_does_not_depend_on_threads() -> None:
     g, uses, old = _sampled()
     parts = np.arange(len(old.t), dtype=np.int64) % 4
-    one, changed_one = split_segments(g, uses, old, parts, at_once)
-    two, changed_two = split_segments(g, uses, old, parts, Threads(2).runner(Lengths(1, 1)))
+    one, changed_one = split_segments(g, uses, old, parts, most_samples(old), at_once)
+    two, changed_two = split_segments(g, uses, old, parts, most_samples(old), Threads(2).runner(Lengths(1, 1)))
     assert np.array_equal(changed_one, changed_two)
     assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
