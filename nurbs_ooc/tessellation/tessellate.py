@@ -5,6 +5,8 @@ pieces -> edge samples -> faces -> (segments that need more samples -> the faces
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -112,9 +114,10 @@ class Tessellator:
         error = float(chord_error)
         approximation = self._geometry.surfaces["approximation_error"][wished]
         combined = aim is not None and aim.appearance > 0.0
+        turned = aim is not None and (aim.normal < math.inf or aim.shaded > 0.0)
         threads = self._threads if self._threads.workers == workers else Threads(workers)
         rounds = self._rounds(uses, rows, error, aim, threads)
-        return assemble(rounds, wished, error, approximation, threads.runner(CHUNKS), aim is not None, combined)
+        return assemble(rounds, wished, error, approximation, threads.runner(CHUNKS), turned, combined)
 
     def _rounds(self, uses: EdgeUses, rows: Ints, error: float, aim: Aim | None, threads: Threads) -> list[Round]:
         """The faces ``rows``, then again and again those that edges with more samples have changed."""
