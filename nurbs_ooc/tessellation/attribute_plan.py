@@ -16,6 +16,7 @@ from nurbs_ooc.geometry.surface import surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.grid_counts import grid_counts
 from nurbs_ooc.tessellation.shading import RESOLVED, Aim
+from nurbs_ooc.tessellation.shading_length import rate_along
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,15 +25,6 @@ BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 SIDE = 4
 INSET = 0.02
 STEP = 0.01
-
-
-@leaf
-def _rate(value: Floats, place: Floats, at: int) -> float:
-    change, way = 0.0, 0.0
-    for k in range(at, at + 3):
-        change += value[k] * value[k]
-        way += place[k] * place[k]
-    return math.sqrt(change / way) if way > 0.0 else 0.0
 
 
 @leaf
@@ -66,7 +58,7 @@ def attribute_counts(
             v = box[2] + b * (INSET + (1.0 - 2.0 * INSET) * j / (SIDE - 1.0))
             surface_point(g, row, u, v, scratch, place)
             surface_point(aim.attribute, row, u, v, scratch, value)
-            rates += max(_rate(value, place, 3), _rate(value, place, 6))
+            rates += max(rate_along(value, place, 3), rate_along(value, place, 6))
             surface_point(aim.attribute, row, u - STEP * a, v, scratch, before)
             surface_point(aim.attribute, row, u + STEP * a, v, scratch, after)
             uu = max(uu, 0.5 * a * _change(after, before, 3) / STEP)

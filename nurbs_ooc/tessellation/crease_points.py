@@ -18,7 +18,7 @@ from nurbs_ooc.bounds.creases import crease_charge
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, N_U, N_V, Pieces, find_break
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
-from nurbs_ooc.tessellation.triangulate import FIXED, INSIDE, LAST, N_POINTS, Triangulation, locate, split
+from nurbs_ooc.tessellation.triangulate import FIXED, N_POINTS, Triangulation, split_inside
 
 Floats = npt.NDArray[np.float64]
 
@@ -61,14 +61,8 @@ def split_at_crease(t: Triangulation, f: Frame, along: int, value: float, k: int
     p = t.n[N_POINTS]
     if p >= len(t.points):
         return FULL
-    if not _cross_point(t, f, along, value, k, p):
-        return DONE
-    t.n[LAST] = k
-    where, on = locate(t, p)
-    if t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
-        return DONE
-    t.n[N_POINTS] = p + 1
-    split(t, where, on, p)
+    if _cross_point(t, f, along, value, k, p):
+        split_inside(t, k, p)
     return DONE
 
 

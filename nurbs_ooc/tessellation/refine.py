@@ -27,14 +27,12 @@ from nurbs_ooc.tessellation.triangulate import (
     CHECKED,
     FIXED,
     INSIDE,
-    LAST,
     N_POINTS,
     N_TRIANGLES,
     Triangulation,
     flip,
-    locate,
     opposite,
-    split,
+    split_inside,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -116,13 +114,7 @@ def break_up(t: Triangulation, k: int, free: int, fixed: int) -> int:
         a, b, c = t.tri[k, (fixed + 1) % 3], t.tri[k, (fixed + 2) % 3], t.tri[k, fixed]
         q[p, 0] = (q[a, 0] + q[b, 0]) // 4 + q[c, 0] // 2
         q[p, 1] = (q[a, 1] + q[b, 1]) // 4 + q[c, 1] // 2
-    t.n[LAST] = k
-    where, on = locate(t, p)
-    if t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
-        # The lattice is exhausted here; the triangle stays with the bound it has.
-        return DONE
-    t.n[N_POINTS] = p + 1
-    split(t, where, on, p)
+    split_inside(t, k, p)
     return DONE
 
 

@@ -69,8 +69,8 @@ def edge_rate(foot: Floats, what: Floats) -> float:
 
 
 @leaf
-def _quotient(value: Floats, place: Floats, at: int) -> float:
-    """|h_u| / |S_u|, or of v; 0 where the surface does not move."""
+def rate_along(value: Floats, place: Floats, at: int) -> float:
+    """|h_u| / |S_u| of partials at ``at`` of ``value`` and ``place``, or of v; 0 where the surface does not move."""
     change, way = 0.0, 0.0
     for k in range(at, at + 3):
         change += value[k] * value[k]
@@ -88,7 +88,7 @@ def inner_rate(g: Tables, attribute: Tables, row: int, uv: Floats, scratch: Floa
         x, y = uv[i, 0] + INSIDE * (u - uv[i, 0]), uv[i, 1] + INSIDE * (v - uv[i, 1])
         surface_point(g, row, x, y, scratch, place)
         surface_point(attribute, row, x, y, scratch, value)
-        best = max(best, _quotient(value, place, 3), _quotient(value, place, 6))
+        best = max(best, rate_along(value, place, 3), rate_along(value, place, 6))
     return best
 
 

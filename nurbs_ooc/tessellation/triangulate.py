@@ -35,6 +35,10 @@ ADJACENT, FIXED, INSIDE, CHECKED, STACK = 3, 6, 9, 10, 11
 COLUMNS = 12
 # Entries of ``Triangulation.n``.
 N_POINTS, N_TRIANGLES, LAST = 0, 1, 2
+# Of a walk that has not arrived.
+ASTRAY = -1
+# A point that splits a triangle is found in it or next to it, unless the lattice is too coarse for both.
+NEAR = 64
 
 
 class Room(NamedTuple):
@@ -182,16 +186,14 @@ def _legalise(t: Triangulation, top: int) -> None:
 
 
 @leaf
-def locate(t: Triangulation, p: int) -> tuple[int, int]:
-    """Walk to the triangle that holds lattice point ``p`` (coordinates at row p of x, y).
+def _walk(t: Triangulation, p: int, most: int) -> tuple[int, int]:
+    """Walk from the triangle touched last towards lattice point ``p``, ``most`` steps at most.
 
-    Returns the triangle and 3 if p is inside, i if it lies on edge i, 4 + i if it is corner i.
+    Returns as ``locate``, or ASTRAY in place of the second number.
     """
     k = t.n[LAST]
     turn = 0
-    steps = 0
-    limit = 2 * t.n[N_TRIANGLES] + 16
-    while True:
+    for _ in range(most):
         moved = False
         on = 3
         for m in range(3):
@@ -204,14 +206,23 @@ def locate(t: Triangulation, p: int) -> tuple[int, int]:
             if side == 0:
                 on = i if on == 3 else 4 + (3 - on - i)
         if not moved:
-            break
+            t.n[LAST] = k
+            return k, on
         # Turning the order of the edges keeps the walk from circling in triangulations that are not Delaunay.
         turn = (turn + 1) % 3
-        steps += 1
-        if steps > limit:
-            k = _search(t, p)
-            steps = -(1 << 30)
-    t.n[LAST] = k
+    return k, ASTRAY
+
+
+@leaf
+def locate(t: Triangulation, p: int) -> tuple[int, int]:
+    """Walk to the triangle that holds lattice point ``p`` (coordinates at row p of x, y).
+
+    Returns the triangle and 3 if p is inside, i if it lies on edge i, 4 + i if it is corner i.
+    """
+    k, on = _walk(t, p, 2 * t.n[N_TRIANGLES] + 16)
+    if on == ASTRAY:
+        t.n[LAST] = _search(t, p)
+        k, on = _walk(t, p, 1)
     return k, on
 
 
@@ -278,3 +289,18 @@ def insert_point(t: Triangulation, px: int, py: int) -> int:
     t.n[N_POINTS] = p + 1
     split(t, k, on, p)
     return p
+
+
+@leaf
+def split_inside(t: Triangulation, k: int, p: int) -> None:
+    """Insert point ``p``, the next one, its coordinates written, which lies in triangle k or near it.
+
+    Nothing is done where it is a corner or lies on a boundary edge, outside, or too far off: there the lattice is
+    exhausted, and walks among slivers of its steps would have no end.
+    """
+    t.n[LAST] = k
+    where, on = _walk(t, p, NEAR)
+    if on == ASTRAY or t.tri[where, INSIDE] == 0 or on >= 4 or (on < 3 and t.tri[where, FIXED + on] > 0):
+        return
+    t.n[N_POINTS] = p + 1
+    split(t, where, on, p)
