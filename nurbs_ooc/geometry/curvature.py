@@ -58,11 +58,15 @@ def inner_knots(geometry: GeometryBatch, row: int) -> tuple[Knots, Knots]:
 
 
 def _step(t: Floats, low: float, high: float, knots: Floats) -> tuple[Floats, Floats]:
-    """Where differences for the places ``t`` are taken around, in the span of each, and how far."""
+    """Where differences for the places ``t`` are taken around, in the span of each, and how far.
+
+    Places beyond [low, high] stay where they are.
+    """
     ends = np.concatenate([[low], knots, [high]])
     span = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(ends) - 2)
     step = STEP * (ends[span + 1] - ends[span])
-    return np.clip(t, ends[span] + step, ends[span + 1] - step), step
+    inside = (t >= low) & (t <= high)
+    return np.where(inside, np.clip(t, ends[span] + step, ends[span + 1] - step), t), step
 
 
 def mean_curvature(geometry: GeometryBatch, row: int, uv: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 Between given kinks the B-spline is twice smooth, at them continuous. Intervals that miss the function are halved, in
 the direction that misses it, so a function that grows without end towards a border is followed as far as SHORTEST.
-What is still missed is found at two places between the nodes each way, and told for each pair of intervals.
+What is still missed is found at three places between the nodes each way, and told for each pair of intervals.
 
 Source: C. de Boor, "A Practical Guide to Splines", 2001, chapter XIII (interpolation at Greville's places).
 """
@@ -26,7 +26,7 @@ Ask = Callable[[Floats, Floats], Floats]
 DEGREE = 3
 FEWEST, MOST = 6, 64  # intervals each way
 SHORTEST = 2.0**-9  # of the rectangle: shorter intervals are not halved
-BETWEEN = (0.3, 0.7)  # shares of an interval, where it is looked at
+BETWEEN = (0.2, 0.5, 0.8)  # shares of an interval, where it is looked at
 # Times the most that is found there: for the values between the corners and for those at them, and twice for luck.
 MISSED = 4.0
 ROUNDS = 8
@@ -54,8 +54,8 @@ class _Line(NamedTuple):
     nodes: Floats  # (n,) where the function is taken
     matrix: Floats  # (n, n) from control points to values there
     inverse: Floats  # (n, n) and back
-    between: Floats  # (2 m,) where it is looked at, two in each of m intervals
-    basis: Floats  # (2 m, n) there
+    between: Floats  # (3 m,) where it is looked at, three in each of m intervals
+    basis: Floats  # (3 m, n) there
     span: npt.NDArray[np.int64]  # (m,) of an interval
 
 
@@ -103,8 +103,8 @@ def _halved(places: tuple[float, ...], off: Floats, tolerance: float) -> tuple[f
 
 
 def _largest(off: Floats) -> Floats:
-    """Rows of ``off`` two by two: the largest of each two, over all columns."""
-    return np.asarray(off.max(axis=1).reshape(-1, 2).max(axis=1))
+    """(m,) of (3 m, n): the largest in each interval, over all columns."""
+    return np.asarray(off.max(axis=1).reshape(-1, len(BETWEEN)).max(axis=1))
 
 
 def fit(ask: Ask, kinks_u: frozenset[float], kinks_v: frozenset[float], tolerance: float) -> Fit:
@@ -124,7 +124,7 @@ def fit(ask: Ask, kinks_u: frozenset[float], kinks_v: frozenset[float], toleranc
         half = np.einsum("ij,jkc->ikc", u.basis, net)
         whole = np.einsum("ikc,lk->ilc", half, v.basis)
         off = MISSED * np.linalg.norm(whole - ask(u.between, v.between), axis=2)
-        missed = np.stack([_largest(off[:, k : k + 2]) for k in range(0, off.shape[1], 2)], axis=1)
+        missed = np.stack([_largest(part) for part in np.split(off, len(v.span), axis=1)], axis=1)
         if missed.max() <= tolerance:
             break
         # On the nodes' lines of one direction only the other one is to blame.
