@@ -63,7 +63,7 @@ def attribute_bound(g: Tables, row: int, uv: Floats, m: Floats) -> float:
             if count > MOST_SPANS:
                 return math.inf
             dim = bezier_net(g, row, low_u, high_u, low_v, high_v, net)
-            second_bounds(net, s.degree_u, s.degree_v, dim, high_u - low_u, high_v - low_v, one)
+            second_bounds(net, s.degree_u, s.degree_v, dim, high_u - low_u, high_v - low_v, 0.0, one)
             for k in range(3):
                 m[k] = max(m[k], one[k])
                 for c in range(3):
