@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import os
 import platform
 import statistics
@@ -287,14 +288,18 @@ def compare(path: Path, shares: list[float], runs: int, samples: int, seed: int)
         }
 
 
-def wall(call: Callable[[], Any], runs: int) -> float:
-    """Median wall seconds."""
-    taken = []
+def threads_gain(call: Callable[[int], Any], runs: int) -> float:
+    """How many times as fast two threads are as one: wall seconds, the least of runs in turns.
+
+    What else the machine does makes runs longer, never shorter, and two threads suffer more from it than one.
+    """
+    least = {1: math.inf, 2: math.inf}
     for _ in range(runs):
-        start = time.perf_counter()
-        call()
-        taken.append(time.perf_counter() - start)
-    return statistics.median(taken)
+        for workers in least:
+            start = time.perf_counter()
+            call(workers)
+            least[workers] = min(least[workers], time.perf_counter() - start)
+    return least[1] / least[2]
 
 
 def car_body_rows(runs: int, samples: int, seed: int) -> Iterator[dict[str, Any]]:
@@ -306,14 +311,14 @@ def car_body_rows(runs: int, samples: int, seed: int) -> Iterator[dict[str, Any]
     for deflection in CAR_BODY_MM:
         mesh = tessellate(geometry, deflection)
         ours = statistics.median(timed(lambda d=deflection: tessellate(geometry, d))[1] for _ in range(2 * runs))
-        one, two = (wall(lambda d=deflection, w=w: tessellate(geometry, d, workers=w), 2 * runs) for w in (1, 2))
+        gain = threads_gain(lambda w, d=deflection: tessellate(geometry, d, workers=w), 5 * runs)
         found = attack_ours([geometry], [mesh], deflection, samples, seed)
         yield {
             "deflection_mm": deflection,
             "faces": len(geometry),
             "triangles": len(mesh.triangles),
             "faces_per_s": len(geometry) / ours,
-            "two_threads": one / two,
+            "two_threads": gain,
             "error_over_deflection": found["error_mm"] / deflection,
             "violations": found["violations"],
             "samples": found["samples"],
@@ -352,15 +357,9 @@ def line(row: dict[str, Any]) -> str:
 
 
 MARKDOWN_HEAD = (
-    "| car body, deflection mm | faces | triangles | faces/s, one core | two threads beside one "
-    "| error / deflection | violations |\n|--:|--:|--:|--:|--:|--:|--:|"
-)
-
-HEAD = (
     "| model | faces | deflection / diagonal | faces/s, ours | theirs | faster | triangles, ours | theirs "
-    "| ours/theirs | error / deflection, ours | theirs | violations | first call s, ours | theirs |\n|---|"
-    + "--:|"
-    * 13
+    "| ours/theirs | at equal measured error | error / deflection, ours | theirs | violations "
+    "| certified/measured, median | first call s, ours | theirs |\n|---|" + "--:|" * 15
 )
 
 

@@ -111,6 +111,7 @@ class FaceReason(IntEnum):
     FILE_GAP = 55
     NO_TRIANGLES = 56
     NORMALS_NOT_KEPT = 57
+    APPEARANCE_NOT_KEPT = 58
 
 
 SURFACE_DTYPE = np.dtype(

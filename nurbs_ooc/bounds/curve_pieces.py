@@ -18,6 +18,7 @@ from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.curve_bounds import D1, D1_X, D2, D2_X, HIGH, LOW, NURBS, SIZE, curve_bounds
 from nurbs_ooc.bounds.derivatives import OUTWARD
 from nurbs_ooc.geometry.curve import curve_point
+from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
 Floats = npt.NDArray[np.float64]
@@ -145,17 +146,19 @@ def _spline_bounds(g: Tables, row: int, p: CurvePieces, first: Floats, second: F
 
 
 @kernel
-def _fill(g: Tables, p: CurvePieces) -> None:
+def _fill(g: Tables, p: CurvePieces, low: int, high: int) -> None:
+    """Starts and bounds of the pieces of curves low..high - 1."""
     most = 2
-    for row in range(len(g.curves)):
+    for row in range(low, high):
         if p.first[row + 1] > p.first[row] and g.curves[row].kind == NURBS:
             most = max(most, g.curves[row].n)
     net = np.empty((2, most, 3))
     scratch = np.empty((2, MAX_DEGREE + 2))
-    for row in range(len(g.curves)):
+    for row in range(low, high):
         c = g.curves[row]
         if p.first[row + 1] == p.first[row]:
             continue
+        p.bounds[p.first[row] : p.first[row + 1]] = 0.0
         if c.kind == NURBS and c.rational == 0 and c.degree > 1:
             _spline_bounds(g, row, p, net[0], net[1], scratch)
             continue
@@ -168,20 +171,21 @@ def _fill(g: Tables, p: CurvePieces) -> None:
             at = end
 
 
-def curve_pieces(g: Tables) -> CurvePieces:
+def curve_pieces(g: Tables, run: Run = at_once) -> CurvePieces:
     """Bounds of every piece of every curve of a part.
 
     Args:
         g: the part's tables, sound (see ``sound_tables``).
+        run: maps a kernel over ranges of curves.
 
     Returns:
         The pieces; a curve of which none can be made has none.
     """
-    counts = np.zeros(len(g.curves), np.int64)
-    _count(g, counts)
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    pieces = CurvePieces(first, np.zeros(first[-1]), np.zeros((first[-1], SIZE)))
-    _fill(g, pieces)
+    first = np.zeros(len(g.curves) + 1, np.int64)
+    _count(g, first[1:])
+    np.cumsum(first, out=first)
+    pieces = CurvePieces(first, np.empty(first[-1]), np.empty((first[-1], SIZE)))
+    run(lambda low, high: _fill(g, pieces, low, high), len(g.curves))
     return pieces
 
 

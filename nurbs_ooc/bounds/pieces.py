@@ -7,8 +7,7 @@ with such knots have breaks too, for the creases alone: their bounds are in clos
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +21,12 @@ from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
 from nurbs_ooc.geometry.bezier_net import LINE, NET, bezier_net, net_of_span
 from nurbs_ooc.geometry.bspline import bezier_weights, find_span
+from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-Run = Callable[[Callable[[int, int], Any], int], list[Any]]
 
 
 # Files end a face's domain a few units of roundoff beyond a knot: a cut span this thin, relative to the
@@ -217,7 +216,11 @@ def _fill(g: Tables, p: Pieces, low: int, high: int) -> None:
         if n_u == 0 or n_v == 0:
             continue
         s = g.surfaces[row]
+        first = p.table[row, FIRST]
+        last = first + n_u * n_v
         if s.kind != NURBS:
+            p.bounds[first:last] = 0.0
+            p.boxes[first:last] = 0.0
             _profile_breaks(g, p, row, spans[0])
             p.table[row, CREASED] = any_crease(p, row)
             continue
@@ -225,8 +228,6 @@ def _fill(g: Tables, p: Pieces, low: int, high: int) -> None:
         breaks_v = p.breaks[p.table[row, BREAK_V] : p.table[row, BREAK_V] + n_v + 1]
         _list_spans(g, s.knots_u, s.n_u, s.degree_u, s.u0, s.u1, breaks_u, spans[0])
         _list_spans(g, s.knots_v, s.n_v, s.degree_v, s.v0, s.v1, breaks_v, spans[1])
-        first = p.table[row, FIRST]
-        last = first + n_u * n_v
         if s.rational:
             _rational_bounds(g, p, row, breaks_u, breaks_v, nets[0])
         else:
@@ -237,24 +238,21 @@ def _fill(g: Tables, p: Pieces, low: int, high: int) -> None:
         p.table[row, CREASED] = any_crease(p, row)
 
 
-def plain_pieces(g: Tables, run: Run | None = None) -> Pieces:
+def plain_pieces(g: Tables, run: Run = at_once) -> Pieces:
     """The pieces of all B-spline surfaces of a part, with bounds; no strip is taken for a crease yet.
 
     Args:
         g: the part's tables; FAILED surfaces get no pieces.
-        run: maps a kernel over ranges of surfaces; by default it is called once.
+        run: maps a kernel over ranges of surfaces.
 
     Returns:
         The pieces; tagged surfaces have none, or breaks alone.
     """
     table = np.empty((len(g.surfaces), 6), np.int64)
     n_pieces, n_breaks = _lay_out(g, table)
-    breaks, bounds, boxes = np.zeros((n_breaks, 4)), np.zeros((n_pieces, 5)), np.zeros((n_pieces, BOXES))
+    breaks, bounds, boxes = np.zeros((n_breaks, 4)), np.empty((n_pieces, 5)), np.empty((n_pieces, BOXES))
     pieces = Pieces(table, breaks, bounds, boxes, np.ones(n_pieces))
-    if run is None:
-        _fill(g, pieces, 0, len(g.surfaces))
-    else:
-        run(lambda low, high: _fill(g, pieces, low, high), len(g.surfaces))
+    run(lambda low, high: _fill(g, pieces, low, high), len(g.surfaces))
     return pieces
 
 

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_ooc.bounds.creases import has_strips, mark_strips
 from nurbs_ooc.bounds.derivatives import BOXES
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, FIRST, N_U, N_V, Pieces, Run, any_crease, plain_pieces
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, FIRST, N_U, N_V, Pieces, any_crease, plain_pieces
+from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.surface import NURBS
 from nurbs_ooc.geometry.tables import Tables
 
@@ -64,7 +65,7 @@ class PiecesByError:
         changing: (n_surfaces,) bool, those whose pieces depend on the error.
     """
 
-    def __init__(self, g: Tables, run: Run | None = None) -> None:
+    def __init__(self, g: Tables, run: Run = at_once) -> None:
         self._plain = plain_pieces(g, run)
         self.changing = np.zeros(len(g.surfaces), np.bool_)
         _find_strips(g, self._plain, self.changing)

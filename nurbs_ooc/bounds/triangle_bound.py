@@ -45,7 +45,13 @@ def largest_mean(p: float, q: float, r: float) -> float:
         return 0.25 * q
     if p >= q + r:
         return 0.25 * p
-    return p * q * r / (2.0 * (p * q + p * r + q * r) - p * p - q * q - r * r)
+    # The denominator is 2 (pq + pr + qr) - p^2 - q^2 - r^2; written with the smallest number apart, of which the others
+    # differ by less, it loses no digits however small that is.
+    if q < p and q <= r:
+        p, q = q, p
+    elif r < p:
+        p, r = r, p
+    return p * q * r / (p * (2.0 * (q + r) - p) - (q - r) * (q - r))
 
 
 @leaf

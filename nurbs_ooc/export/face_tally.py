@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
-from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.mesh import NOT_ASKED, MeshBatch
+
+
+def _number(x: float) -> float | None:
+    return float(x) if np.isfinite(x) else None
 
 
 class FaceTally:
@@ -15,7 +19,8 @@ class FaceTally:
 
     Attributes:
         listed: one entry per face that is not exact: id, source in the file, status, coded reason, and its
-            certified error in mm (None where it has none), with that of its normals if they were asked for.
+            certified error in mm (None where it has none), with those of its normals and its appearance if they were
+            asked for.
         certified_error: mm, largest of all faces that have one.
         certified_normal_error: degrees, likewise; None if no normals were asked for.
         appearance_error: mm, of distance and shading together, all terms of distance included; None likewise.
@@ -42,10 +47,11 @@ class FaceTally:
         self.certified_error = max(self.certified_error, float(errors[finite].max(initial=0.0)))
         if len(mesh.normal_error):
             self.certified_normal_error = max(self.certified_normal_error or 0.0, float(mesh.normal_error.max()))
+        together = NOT_ASKED
         if len(mesh.appearance_error):
             together = (mesh.appearance_error + mesh.trim_error + mesh.pcurve_error) * stretch
-            finite_ones = together[np.isfinite(together)]
-            self.appearance_error = max(self.appearance_error or 0.0, float(finite_ones.max(initial=0.0)))
+            known = together[np.isfinite(together)]
+            self.appearance_error = max(self.appearance_error or 0.0, float(known.max(initial=0.0)))
         for status in FaceStatus:
             self._counts[status] += int((mesh.status == status).sum())
         for i in np.flatnonzero(mesh.status != FaceStatus.EXACT).tolist():
@@ -56,9 +62,10 @@ class FaceTally:
                     "source": geometry.sources[int(geometry.surfaces["source"][row])],
                     "status": FaceStatus(mesh.status[i]).name.lower(),
                     "reason": FaceReason(mesh.reason[i]).name.lower(),
-                    "certified_error_mm": float(errors[i]) if finite[i] else None,
+                    "certified_error_mm": _number(errors[i]),
                 }
                 | ({"certified_normal_error_deg": float(mesh.normal_error[i])} if len(mesh.normal_error) else {})
+                | ({"appearance_error_mm": _number(together[i])} if len(mesh.appearance_error) else {})
             )
 
     @property

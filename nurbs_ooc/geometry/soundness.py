@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import CurveKind, FaceReason, FaceStatus, SurfaceKind
+from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 
 Floats = npt.NDArray[np.float64]
@@ -99,8 +100,9 @@ def _surface_fault(g: Tables, row: int) -> int:
 
 
 @kernel
-def _find(g: Tables, surface_fault: Ints, edge_fault: Ints) -> None:
-    for e in range(len(g.edges)):
+def _find_edges(g: Tables, edge_fault: Ints, low: int, high: int) -> None:
+    """Reasons why edges low..high - 1 cannot be computed; 0 where they can."""
+    for e in range(low, high):
         edge = g.edges[e]
         if not (math.isfinite(edge.t0) and math.isfinite(edge.t1) and edge.t0 < edge.t1):
             edge_fault[e] = NOT_FINITE
@@ -109,7 +111,12 @@ def _find(g: Tables, surface_fault: Ints, edge_fault: Ints) -> None:
         for k in range(3):
             if not (math.isfinite(g.vertices[edge.vertex0, k]) and math.isfinite(g.vertices[edge.vertex1, k])):
                 edge_fault[e] = NOT_FINITE
-    for row in range(len(g.surfaces)):
+
+
+@kernel
+def _find_surfaces(g: Tables, edge_fault: Ints, surface_fault: Ints, low: int, high: int) -> None:
+    """The same of surfaces low..high - 1 with their loops."""
+    for row in range(low, high):
         s = g.surfaces[row]
         surface_fault[row] = _surface_fault(g, row)
         for m in range(s.first_loop, s.first_loop + s.n_loops):
@@ -119,15 +126,22 @@ def _find(g: Tables, surface_fault: Ints, edge_fault: Ints) -> None:
                     surface_fault[row] = fault
 
 
-def sound_tables(g: Tables) -> Tables:
+def sound_tables(g: Tables, run: Run = at_once) -> Tables:
     """The tables with every face that cannot be computed marked FAILED, with its reason.
 
     Edges with such numbers are left without a curve: all faces along them are FAILED.
-    Returns ``g`` itself if there are none.
+
+    Args:
+        g: the part's tables.
+        run: maps a kernel over ranges of edges, and of surfaces.
+
+    Returns:
+        The tables; ``g`` itself if there are no such faces.
     """
     surface_fault = np.zeros(len(g.surfaces), np.int64)
     edge_fault = np.zeros(len(g.edges), np.int64)
-    _find(g, surface_fault, edge_fault)
+    run(lambda low, high: _find_edges(g, edge_fault, low, high), len(g.edges))
+    run(lambda low, high: _find_surfaces(g, edge_fault, surface_fault, low, high), len(g.surfaces))
     bad = (surface_fault > 0) & (g.surfaces["status"] != FaceStatus.FAILED)
     if not bad.any() and not edge_fault.any():
         return g

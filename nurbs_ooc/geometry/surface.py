@@ -41,6 +41,21 @@ POLE_STEPS = (1e-7, 1e-5, 1e-3, 3e-2)
 
 
 @leaf
+def _put_projected(
+    rational: bool, p0: float, p1: float, p2: float, w: float, u0: float, u1: float, u2: float, wu: float,
+    v0: float, v1: float, v2: float, wv: float, out: Floats,
+) -> None:  # fmt: skip
+    """Write a homogeneous point (p, w) and its partials (u, wu), (v, wv) to ``out[0:9]``, divided if rational."""
+    if rational:
+        p0, p1, p2 = p0 / w, p1 / w, p2 / w
+        u0, u1, u2 = (u0 - wu * p0) / w, (u1 - wu * p1) / w, (u2 - wu * p2) / w
+        v0, v1, v2 = (v0 - wv * p0) / w, (v1 - wv * p1) / w, (v2 - wv * p2) / w
+    out[0], out[1], out[2] = p0, p1, p2
+    out[3], out[4], out[5] = u0, u1, u2
+    out[6], out[7], out[8] = v0, v1, v2
+
+
+@leaf
 def _wide_point(g: Tables, row: int, span_u: int, span_v: int, scratch: Floats, out: Floats) -> None:
     """The end of ``_nurbs_point`` for rows so long that it pays to add them up in lanes first."""
     s = g.surfaces[row]
@@ -67,13 +82,7 @@ def _wide_point(g: Tables, row: int, span_u: int, span_v: int, scratch: Floats, 
         u0, u1, u2 = u0 + n * slope[at], u1 + n * slope[at + 1], u2 + n * slope[at + 2]
         if dim == 4:
             w, wv, wu = w + n * line[at + 3], wv + d * line[at + 3], wu + n * slope[at + 3]
-    if dim == 4:
-        p0, p1, p2 = p0 / w, p1 / w, p2 / w
-        u0, u1, u2 = (u0 - wu * p0) / w, (u1 - wu * p1) / w, (u2 - wu * p2) / w
-        v0, v1, v2 = (v0 - wv * p0) / w, (v1 - wv * p1) / w, (v2 - wv * p2) / w
-    out[0], out[1], out[2] = p0, p1, p2
-    out[3], out[4], out[5] = u0, u1, u2
-    out[6], out[7], out[8] = v0, v1, v2
+    _put_projected(dim == 4, p0, p1, p2, w, u0, u1, u2, wu, v0, v1, v2, wv, out)
 
 
 @leaf
@@ -113,13 +122,7 @@ def _nurbs_point(g: Tables, row: int, u: float, v: float, scratch: Floats, out: 
         p0, p1, p2, w = p0 + n * a0, p1 + n * a1, p2 + n * a2, w + n * a3
         u0, u1, u2, wu = u0 + d * a0, u1 + d * a1, u2 + d * a2, wu + d * a3
         v0, v1, v2, wv = v0 + n * b0, v1 + n * b1, v2 + n * b2, wv + n * b3
-    if dim == 4:
-        p0, p1, p2 = p0 / w, p1 / w, p2 / w
-        u0, u1, u2 = (u0 - wu * p0) / w, (u1 - wu * p1) / w, (u2 - wu * p2) / w
-        v0, v1, v2 = (v0 - wv * p0) / w, (v1 - wv * p1) / w, (v2 - wv * p2) / w
-    out[0], out[1], out[2] = p0, p1, p2
-    out[3], out[4], out[5] = u0, u1, u2
-    out[6], out[7], out[8] = v0, v1, v2
+    _put_projected(dim == 4, p0, p1, p2, w, u0, u1, u2, wu, v0, v1, v2, wv, out)
 
 
 @leaf

@@ -10,8 +10,9 @@ import numpy as np
 
 from nurbs_cache.errors import UsageError
 from nurbs_cache.surface_record import GeometryBatch
+from nurbs_ooc.geometry.curvature import mean_curvature
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.attributes import Attribute, attribute_tables, mean_curvature
+from nurbs_ooc.tessellation.attributes import Attribute, attribute_tables
 from nurbs_ooc.tessellation.edges import AIM
 from nurbs_ooc.tessellation.shading import Aim
 
@@ -26,7 +27,8 @@ class Appearance:
             points of a surface, or by row a B-spline over its surface's parameters, continuous with its first
             derivatives (see ``attributes``).
         unseen_deg: degrees; normals this close to the true ones look like them.
-        unseen_share: of the attribute's range over the part; values this close to the true ones look like them.
+        unseen_share: of the attribute's range over the part; values this close to the true ones look like them. Of
+            functions the range is that of places inside the faces, for at borders they may be infinite.
     """
 
     normals: bool = True
@@ -61,10 +63,11 @@ def kernel_aim(
         raise UsageError(f"normal error {normal_error_deg} degrees: must be above 0 and at most 90")
     if normal_error_deg is None and appearance is None:
         return None
-    attribute, count, spread = g, 0, 0.0
+    attribute, count, unseen_value = g, 0, 0.0
+    missed, missed_from = np.zeros(0), np.zeros(0, np.int64)
     if appearance is not None and appearance.attribute is not None:
         source = mean_curvature if isinstance(appearance.attribute, str) else appearance.attribute
-        attribute, spread = attribute_tables(geometry, source)
+        attribute, unseen_value, missed, missed_from = attribute_tables(geometry, source, appearance.unseen_share)
         count = len(geometry)
     return Aim(
         normal=math.inf if normal_error_deg is None else float(np.radians(normal_error_deg)) * AIM,
@@ -73,5 +76,7 @@ def kernel_aim(
         unseen=0.0 if appearance is None else float(np.radians(appearance.unseen_deg)),
         attribute=attribute,
         n_attributes=count,
-        unseen_value=0.0 if appearance is None else appearance.unseen_share * spread,
+        unseen_value=unseen_value,
+        missed=missed,
+        missed_from=missed_from,
     )

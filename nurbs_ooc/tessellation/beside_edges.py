@@ -16,6 +16,7 @@ from nurbs_cache.surface_record import POLE
 from nurbs_ooc.bounds.curve_bounds import HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces, box_bounds
+from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.tables import Tables
 
 Floats = npt.NDArray[np.float64]
@@ -77,13 +78,15 @@ class BesideEdgesByError:
         self._beside = BesideEdges(first, np.zeros((first[-1], 5)))
         self._stale = np.arange(len(g.coedges))
 
-    def at(self, pieces: Pieces, changing: npt.NDArray[np.bool_]) -> BesideEdges:
+    def at(self, pieces: Pieces, changing: npt.NDArray[np.bool_], run: Run = at_once) -> BesideEdges:
         """The bounds by the ``pieces`` for an error; they hold until the next call.
 
         Args:
             pieces: those of the surfaces that the mask ``changing`` (n_surfaces,) leaves out are always the same.
+            run: maps a kernel over ranges of coedges.
         """
         if len(self._stale):
-            _fill(self._g, pieces, self._curves, self._surfaces, self._stale, self._beside)
+            g, curves, surfaces, stale, beside = self._g, self._curves, self._surfaces, self._stale, self._beside
+            run(lambda low, high: _fill(g, pieces, curves, surfaces, stale[low:high], beside), len(stale))
         self._stale = np.flatnonzero(np.append(changing, False)[self._surfaces])
         return self._beside

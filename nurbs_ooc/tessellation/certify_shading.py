@@ -18,7 +18,7 @@ from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
 from nurbs_ooc.tessellation.crease_points import split_at_crease
-from nurbs_ooc.tessellation.deviation import Check, Frame, face_bound
+from nurbs_ooc.tessellation.deviation import Check, Frame, edge_bound, face_bound, segment_bound
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.refine import (
     FEW_STEPS,
@@ -70,24 +70,31 @@ def _is_tiny(t: Triangulation, k: int) -> bool:
 @leaf
 def _improve(
     g: Tables, p: Pieces, aim: Aim, row: int, c: Cells, f: Frame, t: Triangulation, d: Corners, k: int, error: float,
-    ratio: float, o: Facet, side: Facet, blame: Ints,
+    ratio: float, check: Check, o: Facet, side: Facet, blame: Ints,
 ) -> int:  # fmt: skip
     """Refine triangle k, whose facet is ``o`` and whose ratio exceeds 1: FULL, LONG_EDGE (it is blamed), or DONE."""
     if d.creased and o.crease[0] >= 0.0:
         return split_at_crease(t, f, int(o.crease[0]), o.crease[1], k)
     m = o.second
-    if ratio == math.inf:
+    if ratio == math.inf or not m[0] + m[2] > 0.0:
         unbounded_metric(g, p, row, d.sides, o.uv, m)
     if not m[0] + m[2] > 0.0:
         return DONE
     local_metric(t, c, f, m, 1.0)
     free, q_free, fixed, q_fixed = longest_edges(t, f, k, m)
     if fixed >= 0 and q_fixed >= q_free:
-        alone = edge_ratio(g, p, aim, row, d, o, fixed, error, side)
+        distance = edge_bound(g, p, row, c, f, t, k, fixed, check, error) if aim.appearance > 0.0 else 0.0
+        alone = edge_ratio(g, p, aim, row, d, o, fixed, distance, error, side)
         if alone > 1.0:
             blame_edge(t, k, fixed, min(alone, UNBOUNDED), blame)
             return LONG_EDGE
-    return break_up(t, k, free if q_free >= q_fixed else -1, fixed)
+    points = t.n[N_POINTS]
+    code = break_up(t, k, free if q_free >= q_fixed else -1, fixed)
+    if code == DONE and t.n[N_POINTS] == points and fixed >= 0 and q_fixed >= q_free and ratio < math.inf:
+        # A sliver along the boundary, which takes no point.
+        blame_edge(t, k, fixed, min(ratio, UNBOUNDED), blame)
+        return LONG_EDGE
+    return code
 
 
 @leaf
@@ -113,7 +120,7 @@ def _refine_once(
             points = t.n[N_POINTS]
             endless = _is_tiny(t, k) or o.second[NOISE] >= NOISY or (ratio == math.inf and ends_at_pole(d, at, o))
             if ratio > 1.0 and refine and not endless:
-                outcome = _improve(g, p, aim, row, c, f, t, d, k, error, ratio, o, side, blame)
+                outcome = _improve(g, p, aim, row, c, f, t, d, k, error, ratio, check, o, side, blame)
                 if outcome == FULL:
                     return FULL, changed
                 code = max(code, outcome)
@@ -152,6 +159,13 @@ def certify_shading(
             return code, worst
 
 
+@leaf
+def forget_shading(t: Triangulation) -> None:
+    """Let all triangles be looked at again."""
+    for k in range(t.n[N_TRIANGLES]):
+        t.tri[k, CHECKED] = NEAR
+
+
 @helper
 def measure_shading(
     g: Tables, p: Pieces, aim: Aim, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, error: float,
@@ -169,20 +183,24 @@ def measure_shading(
 
 @helper
 def segments_too_long(
-    g: Tables, p: Pieces, aim: Aim, row: int, f: Frame, t: Triangulation, b: Boundary, point: Ints, error: float,
-    d: Corners, parts: Ints,
+    g: Tables, p: Pieces, aim: Aim, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, error: float,
+    check: Check, d: Corners, parts: Ints,
 ) -> bool:  # fmt: skip
     """Into how many ``parts`` (n_boundary,) boundary segments must be cut that exceed what is allowed; whether any."""
     o, side = new_facet(), new_facet()
     at = np.empty(3, dtype=np.int64)
     found = False
+    point = b.point
+    distance = 0.0
     for i in range(len(point)):
         at[0], at[1], at[2] = point[i], point[i], point[b.next[i]]
         parts[i] = 0
         fill_facet(g, p, aim, row, f, t, b, d, at, o)
         # At creases and poles the third corner of the triangle decides, which is not there yet.
         if d.kind[at[0]] == ONE and d.kind[at[2]] == ONE:
-            ratio = edge_ratio(g, p, aim, row, d, o, 0, error, side)
+            if aim.appearance > 0.0:
+                distance = segment_bound(g, p, row, c, f, t, at[0], at[2], check, error)
+            ratio = edge_ratio(g, p, aim, row, d, o, 0, distance, error, side)
             if ratio > 1.0 and side.second[NOISE] < NOISY and side.crease[0] < 0.0:
                 parts[i] = parts_needed(min(ratio, UNBOUNDED))
                 found = True

@@ -5,9 +5,6 @@ Asked for only where normals count: distance bounds charge a crease by its depth
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +13,7 @@ from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.creases import JUMP, VALUE
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, N_U, N_V, Pieces
 from nurbs_ooc.geometry.coedge import coedge_uv
+from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
 from nurbs_ooc.tessellation.edges import EdgeSamples, with_positions
@@ -79,9 +77,7 @@ def _find_crossings(g: Tables, p: Pieces, uses: EdgeUses, first: Ints, t: Floats
     return n
 
 
-def with_crease_samples(
-    g: Tables, pieces: Pieces, uses: EdgeUses, samples: EdgeSamples, run: Callable[..., list[Any]]
-) -> EdgeSamples:
+def with_crease_samples(g: Tables, pieces: Pieces, uses: EdgeUses, samples: EdgeSamples, run: Run) -> EdgeSamples:
     """The samples, and one wherever an edge crosses a crease of a surface beside it.
 
     Args:
@@ -105,4 +101,4 @@ def with_crease_samples(
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     every = np.insert(samples.t, at + 1, t)
     more = EdgeSamples(first, every, np.empty((len(every), 3)), samples.trim)
-    return with_positions(g, uses, more, np.ones(len(g.edges), np.bool_), run)
+    return with_positions(g, uses, more, run)

@@ -9,8 +9,8 @@ integral lie between neighbours::
 The interpolation error of a segment [a, b] under |f''| <= M_k on its intervals k is at most
 max M_k (b - a)^2 / 8 and at most the sum of M_k times the integral of (t - a)(b - t)/(b - a) over k;
 a segment that exceeds the demand by both is halved until it does not, unless a walk in longest steps
-(``edge_walk``) needs fewer. Where a face finds that a
-segment alone breaks its bound, or that two of them cross, ``split_segments`` cuts just those.
+(``edge_walk``) needs fewer. Where a face finds that a segment alone breaks its bound, or that two of them
+cross, just those are cut (``split_segments``).
 
 Source: C. de Boor, "A Practical Guide to Splines", 1978, ch. III (equidistributed knots); the
 integral is that of the Green's function of linear interpolation at its largest.
@@ -19,18 +19,19 @@ integral is that of the Green's function of linear interpolation at its largest.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import helper, kernel, leaf
+from nurbs_cache.local_array import local_line, local_table
 from nurbs_cache.surface_record import ON_SURFACE, POLE
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.curve import ELLIPSE, curve_point
+from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.surface import surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.beside_edges import BesideEdges
@@ -49,6 +50,7 @@ LONGEST_TURN = 2.0 * math.pi / 3.0
 MAX_SAMPLES = 1 << 16
 # Depth of halving of one segment.
 MAX_HALVINGS = 32
+BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 
 
 class EdgeSamples(NamedTuple):
@@ -266,50 +268,49 @@ def _sample_edges(
     return counts, t[:at].copy()
 
 
-@kernel
-def _positions(
-    g: Tables, uses: EdgeUses, first: Ints, t: Floats, missing: npt.NDArray[np.bool_], low: int, high: int, out: Floats
-) -> None:
-    """Points of the samples of edges in the mask ``missing``.
+@leaf
+def place_samples(g: Tables, uses: EdgeUses, samples: EdgeSamples, e: int) -> None:
+    """Write the points of the samples of edge ``e``.
 
     They are the shared vertices at the ends, between them the 3D curve, or the surface without one.
     """
-    scratch = np.empty((4, MAX_DEGREE + 2))
-    point = np.empty(12)
-    for e in range(low, high):
-        if not missing[e]:
-            continue
-        edge = g.edges[e]
-        last = first[e + 1] - 1
-        for i in range(first[e], first[e + 1]):
-            if i == first[e] or i == last or edge.curve == POLE:
-                vertex = edge.vertex1 if i == last else edge.vertex0
-                for k in range(3):
-                    point[k] = g.vertices[vertex, k]
-            elif edge.curve == ON_SURFACE:
-                coedge = uses.coedge[uses.first[e]]
-                coedge_uv(g, coedge, t[i], scratch, point)
-                surface_point(g, uses.surface[coedge], point[0], point[1], scratch, point)
-            else:
-                c = g.curves[edge.curve]
-                s = c.t0 + (t[i] - edge.t0) * (c.t1 - c.t0) / (edge.t1 - edge.t0)
-                curve_point(g, edge.curve, s, scratch, point)
+    scratch = local_table(4, BASIS)
+    point = local_line(12)
+    edge = g.edges[e]
+    first, last = samples.first[e], samples.first[e + 1] - 1
+    for i in range(first, last + 1):
+        t = samples.t[i]
+        if i == first or i == last or edge.curve == POLE:
+            vertex = edge.vertex1 if i == last else edge.vertex0
             for k in range(3):
-                out[i, k] = point[k]
+                point[k] = g.vertices[vertex, k]
+        elif edge.curve == ON_SURFACE:
+            coedge = uses.coedge[uses.first[e]]
+            coedge_uv(g, coedge, t, scratch, point)
+            surface_point(g, uses.surface[coedge], point[0], point[1], scratch, point)
+        else:
+            c = g.curves[edge.curve]
+            s = c.t0 + (t - edge.t0) * (c.t1 - c.t0) / (edge.t1 - edge.t0)
+            curve_point(g, edge.curve, s, scratch, point)
+        for k in range(3):
+            samples.position[i, k] = point[k]
 
 
-def with_positions(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, missing: npt.NDArray[np.bool_], run: Callable[..., list[Any]]
-) -> EdgeSamples:
-    """``samples`` with the positions of those of edges in the mask ``missing`` (n_edges,) written."""
-    s = samples
-    run(lambda low, high: _positions(g, uses, s.first, s.t, missing, low, high, s.position), len(g.edges))
-    return s
+@kernel
+def _place_samples(g: Tables, uses: EdgeUses, samples: EdgeSamples, low: int, high: int) -> None:
+    for e in range(low, high):
+        place_samples(g, uses, samples, e)
+
+
+def with_positions(g: Tables, uses: EdgeUses, samples: EdgeSamples, run: Run) -> EdgeSamples:
+    """``samples`` with the positions of all of them written."""
+    run(lambda low, high: _place_samples(g, uses, samples, low, high), len(g.edges))
+    return samples
 
 
 def sample_edges(
-    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float,
-    run: Callable[..., list[Any]], longest: bool = True,
+    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float, run: Run,
+    longest: bool = True,
 ) -> EdgeSamples:  # fmt: skip
     """Sample all edges of a part so that chords and slivers stay within ``error``.
 
@@ -335,36 +336,4 @@ def sample_edges(
     counts = [np.zeros(1, np.int64), *(r[0] for r in results)]
     t = np.concatenate([np.zeros(0), *(r[1] for r in results)])
     samples = EdgeSamples(np.cumsum(np.concatenate(counts)), t, np.empty((len(t), 3)), trim)
-    return with_positions(g, uses, samples, np.ones(len(g.edges), np.bool_), run)
-
-
-def split_segments(
-    g: Tables, uses: EdgeUses, samples: EdgeSamples, parts: Ints, run: Callable[..., list[Any]]
-) -> tuple[EdgeSamples, npt.NDArray[np.bool_]]:
-    """Cut segments into equal parts, but no edge into more than ``MAX_SAMPLES``.
-
-    Args:
-        g: the part's tables.
-        uses: its coedges by edge.
-        samples: of its edges.
-        parts: (n_samples,) how many parts each segment shall have; below 2 it stays.
-        run: maps a kernel over ranges of edges, in order.
-
-    Returns:
-        The new samples, and which edges (n_edges,) have changed.
-    """
-    ends = np.zeros(len(samples.t), bool)
-    ends[samples.first[1:][np.diff(samples.first) > 0] - 1] = True
-    into = np.where(ends, 1, np.maximum(parts, 1))
-    edge = np.repeat(np.arange(len(g.edges)), np.diff(samples.first))
-    many = np.bincount(edge, weights=into, minlength=len(g.edges)) > MAX_SAMPLES
-    into[many[edge]] = 1
-    own = np.repeat(np.arange(len(into)), into)
-    share = np.arange(len(own)) - np.repeat(np.cumsum(into) - into, into)
-    following = np.append(samples.t[1:], 0.0)
-    t = samples.t[own] + (following[own] - samples.t[own]) * (share / into[own])
-    counts = np.bincount(edge, weights=into, minlength=len(g.edges)).astype(np.int64)
-    changed = counts > np.diff(samples.first)
-    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    split = EdgeSamples(first, t, samples.position[own], samples.trim)
-    return with_positions(g, uses, split, changed, run), changed
+    return with_positions(g, uses, samples, run)

@@ -118,6 +118,18 @@ def _same_place(o: Output, a: int, b: int) -> bool:
 
 
 @leaf
+def _encloses_nothing(o: Output, i: int, j: int, k: int) -> bool:
+    """Whether three vertices lie on one line, as far as float64 can tell."""
+    q = o.position
+    size = 0.0
+    for m in range(3):
+        x, y = (m + 1) % 3, (m + 2) % 3
+        flat = (q[j, x] - q[i, x]) * (q[k, y] - q[i, y]) - (q[j, y] - q[i, y]) * (q[k, x] - q[i, x])
+        size += flat * flat
+    return size == 0.0
+
+
+@leaf
 def _normals_at(p: Pieces, row: int, f: Frame, uv: Floats, pole: bool, creased: bool) -> int:
     """ONE, or why a point has several normals."""
     if pole:
@@ -240,6 +252,9 @@ def _put_triangles(
         i, j, m = at[x], at[y], at[z]
         # At a pole, where loops touch and across a closed chord two corners may be one point.
         if _same_place(o, i, j) or _same_place(o, j, m) or _same_place(o, m, i):
+            continue
+        # Of a triangle a few units of roundoff large all three may lie on its longest edge, which the next one has.
+        if _encloses_nothing(o, i, j, m):
             continue
         first, second, third = i, j, m
         if kind[x] != ONE:

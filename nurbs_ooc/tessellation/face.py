@@ -23,7 +23,12 @@ from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
-from nurbs_ooc.tessellation.certify_shading import measure_shading, refine_shading, segments_too_long
+from nurbs_ooc.tessellation.certify_shading import (
+    forget_shading,
+    measure_shading,
+    refine_shading,
+    segments_too_long,
+)
 from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
 from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
@@ -60,6 +65,7 @@ EVEN_ODD_MASK = int(FaceReason.EVEN_ODD_MASK)
 BOX_AS_POINTS = int(FaceReason.BOX_AS_POINTS)
 BUDGET_EXHAUSTED = int(FaceReason.BUDGET_EXHAUSTED)
 NORMALS_NOT_KEPT = int(FaceReason.NORMALS_NOT_KEPT)
+APPEARANCE_NOT_KEPT = int(FaceReason.APPEARANCE_NOT_KEPT)
 
 # Results of ``tessellate_face``; NO_ROOM: the workspace's ``size`` says what it lacks.
 READY, NEEDS_SAMPLES, NO_ROOM = 0, 1, 2
@@ -214,6 +220,7 @@ def _nothing_inside(b: Boundary, d: Draft, final: bool, wanted: Ints) -> int:
         _ask_all(b, wanted)
         return NEEDS_SAMPLES
     d.error[WORST] = box_diagonal(b.position)
+    d.found[ANGLE], d.found[APPEARANCE] = math.pi, d.error[WORST]
     d.code[STATUS], d.code[REASON] = DEGRADED, BOX_AS_POINTS
     return READY
 
@@ -230,7 +237,7 @@ def _refine(
         d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
         if not final:
             parts = np.zeros(len(b.next), dtype=np.int64)
-            if segments_too_long(g, p, aim, row, f, t, b, b.point, target, corners, parts):
+            if segments_too_long(g, p, aim, row, c, f, t, b, target, w.check, corners, parts):
                 for i in range(len(parts)):
                     _ask(b, i, parts[i], wanted)
                 return ASKED
@@ -286,6 +293,12 @@ def _attempt(
     return READY
 
 
+@leaf
+def _shading_is_over(d: Draft, aim: Aim, target: float) -> bool:
+    """Whether more is found than what is asked for beside the distance."""
+    return d.found[ANGLE] > aim.normal or (aim.appearance > 0.0 and d.found[APPEARANCE] > target)
+
+
 @helper
 def _settle(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, w: Workspace,
@@ -303,12 +316,20 @@ def _settle(
             d.error[WORST] = max(d.error[WORST], worst)
     if aim is not None and corners is not None:
         measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
-        over = d.found[ANGLE] > aim.normal or (aim.appearance > 0.0 and d.found[APPEARANCE] > target)
-        if d.code[STATUS] == 0 and over:
-            d.code[STATUS], d.code[REASON] = DEGRADED, NORMALS_NOT_KEPT
+        if _shading_is_over(d, aim, target):
+            # Triangles that were given up may have gone since: what stays is looked at alone.
+            d.found[ANGLE], d.found[APPEARANCE] = 0.0, 0.0
+            forget_shading(t)
+            measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
+        if d.code[STATUS] == 0 and _shading_is_over(d, aim, target):
+            d.code[STATUS] = DEGRADED
+            d.code[REASON] = NORMALS_NOT_KEPT if d.found[ANGLE] > aim.normal else APPEARANCE_NOT_KEPT
     if d.error[WORST] > target:
         # No point is farther off than the face is large.
-        d.error[WORST] = min(d.error[WORST], surface_diagonal(g, row, b))
+        largest = surface_diagonal(g, row, b)
+        d.error[WORST] = min(d.error[WORST], largest)
+        # Distance, an attribute, and normals twice, see ``shading_length``.
+        d.found[APPEARANCE] = min(d.found[APPEARANCE], math.sqrt(6.0) * largest)
         if d.code[STATUS] == 0:
             d.code[STATUS], d.code[REASON] = DEGRADED, BUDGET_EXHAUSTED
 

@@ -4,12 +4,11 @@ Each criterion gives every triangle a ratio of its bound and what is allowed; a 
 
 - **normals**: the angle of ``normal_bound`` within ``normal`` radians.
 - **appearance**: eps^2 = eps_g^2 + eps_s^2 within the chord error, where eps_g is the triangle's distance bound and
-  eps_s = |n - m| / L its shading error carried into space: how far one must go on the surface for the normal to
-  change by as much. L is the largest |dn| / |dS| along the triangle's edges; angles that nobody sees do not count.
+  eps_s its shading error carried into space, see ``shading_length``: how far one must go on the surface for the normal
+  to change by as much as it is off. Angles that nobody sees do not count.
 - **attribute**: the same with any other function on the surface, a B-spline over the same domain.
 
-Source: A. Balázs, M. Guthe, R. Klein, "Appearance preserving tessellation" of trimmed NURBS (the combined error);
-L is taken over edges, for pairs of normals and points of different edges say nothing of the shading along one.
+Source: A. Balázs, M. Guthe, R. Klein, "Appearance preserving tessellation" of trimmed NURBS (the combined error).
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.corner_normals import crease_normal, on_crease, pole_normal
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.fallback import box_diagonal
+from nurbs_ooc.tessellation.shading_length import as_length, edge_rate, inner_rate, triangle_reach
 from nurbs_ooc.tessellation.triangulate import Triangulation
 from nurbs_ooc.tessellation.trimming import Boundary
 
@@ -39,13 +39,18 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.uint8]
 
-# Columns of ``Corners.at``: parameters, place, normal in the sense of S_u x S_v, attribute.
-UV, PLACE, NORMAL, VALUES = 0, 2, 5, 8
-WIDTH = 11
+# Columns of ``Corners.at``: parameters, place as drawn, normal in the sense of S_u x S_v, attribute, place on the
+# surface itself.
+UV, PLACE, NORMAL, VALUES, FOOT = 0, 2, 5, 8, 11
+WIDTH = 14
 BASIS = MAX_DEGREE + 2  # room for the basis functions of a point
 UNKNOWN, ONE, CREASE, POLE = 0, 1, 2, 3
 # Numbers of ``Aim.found``.
 ANGLE, APPEARANCE = 0, 1
+# Of the values that nobody sees: a B-spline that is off by no more stands for its function well enough.
+RESOLVED = 0.125
+# Nothing is divided by less, in radians and in an attribute's unit.
+LEAST = 1e-300
 # Of the face's size: where a pole has no limit of the normal, triangles at it come to an end.
 POLE_SHARE = 2.0**-8
 
@@ -60,6 +65,8 @@ class Aim(NamedTuple):
     attribute: Tables  # row i: the attribute of surface i as a B-spline surface; none: any tables
     n_attributes: int  # rows of it that count: all surfaces, or 0
     unseen_value: float  # the same of the attribute, in its unit
+    missed: Floats  # in its unit, span by span, what B-splines are off from the functions they stand for
+    missed_from: Ints  # (n_attributes,) where those of a surface begin, -1: it is no function's
 
 
 class Corners(NamedTuple):
@@ -82,6 +89,7 @@ class Facet(NamedTuple):
     place: Floats  # (3, 3)
     normal: Floats  # (3, 3)
     values: Floats  # (3, 3)
+    foot: Floats  # (3, 3)
     step: Floats  # (3, 2) how far from there the normals were taken
     second: Floats  # (SIZE,) what the bound that was exceeded most rests on, in units of what is allowed
     crease: Floats  # (2,) 0 or 1 and the value of u or v, of a crease that is crossed; else -1
@@ -91,8 +99,8 @@ class Facet(NamedTuple):
 def new_facet() -> Facet:
     """Room for one."""
     return Facet(
-        np.empty((3, 2)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 2)), np.empty(SIZE),
-        np.empty(2),
+        np.empty((3, 2)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)),
+        np.empty((3, 2)), np.empty(SIZE), np.empty(2),
     )  # fmt: skip
 
 
@@ -134,6 +142,7 @@ def _look(
     for m in range(3):
         at[PLACE + m] = b.position[k, m] if k >= 0 else place[m]
         at[NORMAL + m] = sign * normal[m]
+        at[FOOT + m] = place[m]
     if aim.n_attributes > 0:
         surface_point(aim.attribute, row, u, v, d.scratch, place)
         for m in range(3):
@@ -190,6 +199,7 @@ def fill_facet(
             o.uv[i, m], o.step[i, m] = at[UV + m], 0.0
         for m in range(3):
             o.place[i, m], o.normal[i, m], o.values[i, m] = at[PLACE + m], at[NORMAL + m], at[VALUES + m]
+            o.foot[i, m] = at[FOOT + m]
     for i in range(3):
         if d.kind[c[i]] != ONE:
             _turn_corner(g, p, row, f, d, c, i, o)
@@ -198,29 +208,6 @@ def fill_facet(
         if o.place[i, 0] == o.place[j, 0] and o.place[i, 1] == o.place[j, 1] and o.place[i, 2] == o.place[j, 2]:
             return False
     return True
-
-
-@leaf
-def _steepest(o: Facet, what: Floats) -> float:
-    """Largest change of ``what`` (3, 3) over change of place along an edge."""
-    best = 0.0
-    for i in range(3):
-        j = (i + 1) % 3
-        change, way = 0.0, 0.0
-        for m in range(3):
-            change += (what[i, m] - what[j, m]) ** 2
-            way += (o.place[i, m] - o.place[j, m]) ** 2
-        if way > 0.0:
-            best = max(best, change / way)
-    return math.sqrt(best)
-
-
-@leaf
-def _as_length(bound: float, unseen: float, steepest: float) -> float:
-    """A bound of something's deviation carried into space: 0 where nobody sees it."""
-    if bound <= unseen:
-        return 0.0
-    return bound / steepest if steepest > 0.0 else math.inf
 
 
 @leaf
@@ -245,10 +232,11 @@ def facet_ratio(
     """
     m = local_line(SIZE)
     o.second[NOISE] = 0.0
+    reach = triangle_reach(g, row, o.uv, o.foot, distance) if aim.appearance > 0.0 else 0.0
     if d.creased and _crossed(p, row, o):
         if keep:
             d.found[ANGLE] = math.pi
-            d.found[APPEARANCE] = max(d.found[APPEARANCE], error, distance)
+            d.found[APPEARANCE] = max(d.found[APPEARANCE], error, math.hypot(distance, 2.0 * reach))
         return math.inf
     worst = 0.0
     angle = 0.0
@@ -259,43 +247,50 @@ def facet_ratio(
             _scale(m, 1.0 / aim.normal, o.second)
             o.second[NOISE] = m[NOISE] / aim.normal
     whole = distance * distance
-    if aim.appearance > 0.0:
-        if aim.shaded > 0.0:
-            steepest = _steepest(o, o.normal)
-            length = _as_length(angle, aim.unseen, steepest)
-            whole += length * length
-            ratio = math.sqrt(whole) / error
-            if ratio > worst:
-                worst = ratio
-                _scale(m, 1.0 / max(steepest * error, aim.unseen), o.second)
-                o.second[NOISE] = m[NOISE] / max(aim.unseen, 0.5 * steepest * error)
-        if aim.n_attributes > 0:
-            bound = attribute_bound(aim.attribute, row, o.uv, m)
-            steepest = _steepest(o, o.values)
-            length = _as_length(bound, aim.unseen_value, steepest)
-            whole += length * length
-            if math.sqrt(whole) / error > worst:
-                worst = math.sqrt(whole) / error
-                _scale(m, 1.0 / max(steepest * error, aim.unseen_value), o.second)
+    part = 0.0
+    if aim.shaded > 0.0:
+        rate = edge_rate(o.foot, o.normal)
+        part = as_length(angle, aim.unseen, rate, 2.0 * reach)
+        whole += part * part
+        ratio = math.sqrt(whole) / error
+        if ratio > worst:
+            worst = ratio
+            _scale(m, 1.0 / max(rate * error, aim.unseen, LEAST), o.second)
+            o.second[NOISE] = m[NOISE] / max(aim.unseen, 0.5 * rate * error, LEAST)
+    known = whole
+    if aim.n_attributes > 0:
+        bound, missed = attribute_bound(aim.attribute, row, aim.missed, aim.missed_from[row], o.uv, m)
+        rate = max(edge_rate(o.foot, o.values), inner_rate(g, aim.attribute, row, o.uv, d.scratch))
+        known += as_length(bound + missed, aim.unseen_value, rate, reach) ** 2
+        # More triangles do not help against what the B-spline itself is off by.
+        length = as_length(bound + min(missed, RESOLVED * aim.unseen_value), aim.unseen_value, rate, reach)
+        whole += length * length
+        ratio = math.sqrt(whole) / error
+        if ratio > worst:
+            worst = ratio
+            if length >= part:
+                _scale(m, 1.0 / max(rate * error, aim.unseen_value, LEAST), o.second)
+                o.second[NOISE] = 0.0
     if keep:
         d.found[ANGLE] = max(d.found[ANGLE], min(angle, math.pi))
-        d.found[APPEARANCE] = max(d.found[APPEARANCE], math.sqrt(whole))
+        d.found[APPEARANCE] = max(d.found[APPEARANCE], math.sqrt(known))
     return worst
 
 
 @leaf
 def edge_ratio(
-    g: Tables, p: Pieces, aim: Aim, row: int, d: Corners, o: Facet, i: int, error: float, side: Facet
+    g: Tables, p: Pieces, aim: Aim, row: int, d: Corners, o: Facet, i: int, distance: float, error: float, side: Facet
 ) -> float:
-    """``facet_ratio`` of the flat triangle that is edge i of ``o`` alone; ``side`` is scratch."""
+    """``facet_ratio`` of the flat triangle that is edge i of ``o`` alone, its distance given; ``side`` is scratch."""
     for k in range(3):
         c = (i + 1) % 3 if k == 0 else (i + 2) % 3
         for m in range(2):
             side.uv[k, m], side.step[k, m] = o.uv[c, m], o.step[c, m]
         for m in range(3):
             side.place[k, m], side.normal[k, m], side.values[k, m] = o.place[c, m], o.normal[c, m], o.values[c, m]
+            side.foot[k, m] = o.foot[c, m]
     side.crease[0] = -1.0
-    return facet_ratio(g, p, aim, row, d, side, 0.0, error, False)
+    return facet_ratio(g, p, aim, row, d, side, distance, error, False)
 
 
 @leaf

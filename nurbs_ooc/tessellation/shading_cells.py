@@ -18,6 +18,7 @@ from nurbs_ooc.bounds.normal_bound import turn_of_circle
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, find_break
 from nurbs_ooc.geometry.surface import CONE, CYLINDER, normal_of, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.tessellation.attribute_plan import attribute_counts
 from nurbs_ooc.tessellation.cells import (
     AXIS,
     CHILD,
@@ -44,7 +45,8 @@ BASIS = MAX_DEGREE + 2
 SIDE = 4
 INSET = 0.02
 STEP = 0.005
-# A cell over more knot spans than its samples see is split in any case.
+# A cell over more knot spans than its samples see is split in any case; for attributes, which may have kinks at knots
+# (the curvature of cubics has), over more than one.
 SEEN_SPANS = 4
 MAX_DEPTH = 24
 MAX_CELLS = 1 << 14
@@ -133,27 +135,35 @@ def _widest_arc(allowed: float) -> float:
 
 
 @leaf
-def _plan(g: Tables, aim: Aim, row: int, c: Cells, node: int, error: float) -> None:
-    """Columns and rows of a cell, to its ``node`` row."""
+def _normal_counts(g: Tables, aim: Aim, row: int, box: Floats, error: float) -> tuple[int, int]:
+    """Columns and rows of a cell that normals ask for."""
+    if not aim.normal < math.inf and not aim.shaded > 0.0:
+        return 1, 1
     turns = local_line(6)
-    _turns(g, row, c.box[node], turns)
+    _turns(g, row, box, turns)
     allowed = aim.normal
     if aim.appearance > 0.0 and aim.shaded > 0.0:
         allowed = min(allowed, max(aim.unseen, SHADING_SHARE * error * turns[5]))
-    c.node[node, GRID + 0], c.node[node, GRID + 1] = 1, 1
     if allowed > 1.5 or allowed <= 0.0:
-        return
+        return 1, 1
     kind = g.surfaces[row].kind
     if kind == CYLINDER:
-        widest = _widest_arc(PLANNED * allowed)
-        c.node[node, GRID + 0] = int(max(1.0, math.ceil(turns[0] / widest)))
-        return
+        return int(max(1.0, math.ceil(turns[0] / _widest_arc(PLANNED * allowed)))), 1
     nu, nv = grid_counts(turns[2], turns[3], turns[4], 1.0, 1.0, PLANNED * allowed)
     widest = (PLANNED * allowed / EVEN_TURN) ** (1.0 / 3.0)
     if kind == CONE:
         widest = 2.5 * widest
-    c.node[node, GRID + 0] = max(nu, int(math.ceil(turns[0] / widest)))
-    c.node[node, GRID + 1] = max(nv, int(math.ceil(turns[1] / widest)))
+    return max(nu, int(math.ceil(turns[0] / widest))), max(nv, int(math.ceil(turns[1] / widest)))
+
+
+@leaf
+def _plan(g: Tables, aim: Aim, row: int, c: Cells, node: int, error: float) -> None:
+    """Columns and rows of a cell, to its ``node`` row."""
+    nu, nv = _normal_counts(g, aim, row, c.box[node], error)
+    if aim.n_attributes > 0:
+        more_u, more_v = attribute_counts(g, aim, row, c.box[node], SHADING_SHARE * error, PLANNED)
+        nu, nv = max(nu, more_u), max(nv, more_v)
+    c.node[node, GRID + 0], c.node[node, GRID + 1] = nu, nv
 
 
 @leaf
@@ -208,7 +218,7 @@ def _split(g: Tables, aim: Aim, p: Pieces, row: int, c: Cells, node: int, kid: i
         along_u = crease_u < math.inf
         cut = crease_u if along_u else crease_v
         _halve(g, aim, row, c, node, kid, along_u, cut, error)
-    elif max(spans_u, spans_v) > SEEN_SPANS:
+    elif max(spans_u, spans_v) > (SEEN_SPANS if aim.n_attributes == 0 or cost <= UNDIVIDED else 1):
         along_u = spans_u >= spans_v
         cut = _cut_at(p, row, box, along_u, False)
         _halve(g, aim, row, c, node, kid, along_u, cut, error)

@@ -69,11 +69,11 @@ class Workspace(NamedTuple):
 
 
 @leaf
-def largest_net(g: Tables) -> int:
-    """Numbers of the largest Bézier net of any surface."""
+def largest_net(g: Tables, faces: Ints) -> int:
+    """Numbers of the largest Bézier net of any of the surfaces."""
     most = 1
-    for row in range(len(g.surfaces)):
-        s = g.surfaces[row]
+    for i in range(len(faces)):
+        s = g.surfaces[faces[i]]
         if s.kind == NURBS and s.status != 3:
             most = max(most, (s.degree_u + 1) * (s.degree_v + 1) * (4 if s.rational else 3))
     return most
@@ -99,12 +99,12 @@ def _point_room(n: int) -> PointRoom:
 
 
 @helper
-def new_workspace(g: Tables) -> Workspace:
-    """One for the faces of a part."""
+def new_workspace(g: Tables, faces: Ints) -> Workspace:
+    """One for some faces of a part."""
     return Workspace(
         _boundary_room(BOUNDARY),
         Cells(np.empty((CELLS, NODE_COLUMNS), dtype=np.int64), np.empty((CELLS, COLUMNS))),
-        np.empty((NETS, largest_net(g))),
+        np.empty((NETS, largest_net(g, faces))),
         room_for(POINTS),
         _point_room(POINTS + N_OUTER),
         Check(np.empty(MEASURES), np.empty(256, dtype=np.int64), np.zeros(1, dtype=np.int64)),

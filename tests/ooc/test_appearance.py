@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from nurbs_cache.errors import UsageError
-from nurbs_cache.surface_record import GeometryBatch
+from nurbs_cache.surface_record import FaceReason, GeometryBatch
 from nurbs_ooc.geometry.builder import BatchBuilder
+from nurbs_ooc.geometry.curvature import mean_curvature
 from nurbs_ooc.geometry.forms import SurfaceForm
-from nurbs_ooc.geometry.sample_faces import add_plane, add_sphere, add_torus
+from nurbs_ooc.geometry.sample_faces import add_cone, add_cylinder, add_plane, add_sphere, add_torus
+from nurbs_ooc.measure.attack_appearance import attack_appearance
 from nurbs_ooc.measure.attack_normals import attack_normals
 from nurbs_ooc.tessellation.appearance import Appearance
-from nurbs_ooc.tessellation.attributes import mean_curvature
+from nurbs_ooc.tessellation.attributes import attribute_tables
 from nurbs_ooc.tessellation.tessellate import tessellate
 from tests.ooc.test_shading import wave
 
@@ -69,7 +73,7 @@ def test_planes_look_right_at_once() -> None:
 
 
 def test_mean_curvature_of_a_sphere_and_a_torus() -> None:
-    uv = np.array([[0.3, 0.2], [1.0, -0.7]])
+    uv = np.array([[0.3, 0.2], [1.0, 0.7]])
     g = _batch(add_sphere)
     radius = np.linalg.norm(tessellate(g, 0.1).positions[0])
     assert np.abs(mean_curvature(g, 0, uv)) == pytest.approx(1.0 / radius, rel=1e-6)
@@ -114,10 +118,49 @@ def test_an_attribute_as_a_spline_is_a_bound() -> None:
     w = np.random.default_rng(1).dirichlet((1, 1, 1), 50)
     rows = mesh.triangles
     off = np.abs((w @ value[rows].T).T - ((w @ mesh.parameters[rows][..., 0].T).T) ** 2)
-    p = mesh.positions[rows]
-    way = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2)
-    steepest = (np.abs(value[rows] - np.roll(value[rows], 1, axis=1)) / way).max(axis=1)
+    # Of u^2 the largest rate between two places of a triangle, see ``shading_length``.
+    steepest = 2.0 * np.abs(mesh.parameters[rows][..., 0]).max(axis=1)
     assert (off.max(axis=1) <= error * steepest + 1e-12).all()
+
+
+SURFACES = {
+    "torus": lambda: _batch(add_torus),
+    "cylinder": lambda: _batch(add_cylinder),
+    "cone": lambda: _batch(add_cone),
+    "sphere": lambda: _batch(add_sphere),
+    "spline": wave,
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("both", [False, True])
+def test_curvature_is_kept_where_it_is_finite_and_never_exceeded(name: str, both: bool) -> None:
+    g = SURFACES[name]()
+    size = float(np.linalg.norm(np.ptp(tessellate(g, 1.0).positions, axis=0)))
+    look = Appearance(both, "curvature")
+    mesh = tessellate(g, 0.01 * size, appearance=look)
+    kept = mesh.appearance_error <= 0.01 * size
+    assert kept.all() or name == "cone"
+    assert (mesh.reason[~kept] == FaceReason.APPEARANCE_NOT_KEPT).all()
+    # What cannot be kept, at an apex, is off by no more than the triangles there are large.
+    assert mesh.appearance_error.max() <= size
+    unseen = attribute_tables(g, mean_curvature, look.unseen_share).unseen
+    assert attack_appearance(g, mesh, look, unseen, 200).violations == []
+
+
+def test_a_false_promise_is_found() -> None:
+    g = _batch(add_torus)
+    look = Appearance(False, "curvature")
+    mesh = tessellate(g, 0.05, appearance=look)
+    lie = replace(mesh, appearance_error=0.25 * mesh.appearance_error)
+    unseen = attribute_tables(g, mean_curvature, look.unseen_share).unseen
+    assert len(attack_appearance(g, lie, look, unseen, 400).violations) == 1
+
+
+def test_what_was_not_asked_for_is_not_certified() -> None:
+    g = _batch(add_torus)
+    assert len(tessellate(g, 0.05, appearance=Appearance(False, "curvature")).normal_error) == 0
+    assert tessellate(g, 0.05, appearance=Appearance()).normal_error[0] > 0.0
 
 
 def test_what_makes_no_sense_is_refused() -> None:
@@ -128,5 +171,5 @@ def test_what_makes_no_sense_is_refused() -> None:
     with pytest.raises(UsageError, match="finite"):
         tessellate(g, 0.1, appearance=Appearance(attribute=lambda _g, _r, uv: uv[:, 0] * np.nan))
     outside = SurfaceForm.nurbs(1, 1, [9, 9, 10, 10], [9, 9, 10, 10], np.zeros((2, 2, 3)))
-    with pytest.raises(UsageError, match="must be a finite B-spline"):
+    with pytest.raises(UsageError, match="must be a finite, continuous B-spline"):
         tessellate(g, 0.1, appearance=Appearance(attribute={0: outside}))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -24,6 +26,7 @@ from nurbs_ooc.geometry.sample_faces import (
     uniform_knots,
 )
 from nurbs_ooc.measure.attack_mesh import attack_mesh
+from nurbs_ooc.tessellation.face_runs import MOST_FACES
 from nurbs_ooc.tessellation.mesh import MeshBatch
 from nurbs_ooc.tessellation.tessellate import Tessellator, tessellate
 
@@ -160,6 +163,39 @@ def test_result_does_not_depend_on_workers_or_on_the_faces_asked_for() -> None:
         mine = some.positions[some.triangles[some.triangle_start[i] : some.triangle_start[i + 1]]]
         whole = one.positions[one.triangles[one.triangle_start[row] : one.triangle_start[row + 1]]]
         assert np.array_equal(mine, whole)
+
+
+def _equal(a: MeshBatch, b: MeshBatch) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(MeshBatch))
+
+
+def test_more_faces_than_a_chunk_has() -> None:
+    builder = BatchBuilder()
+    for _ in range(MOST_FACES + 100):
+        add_plane(builder)
+    batch = builder.build()
+    one, two = tessellate(batch, 1e-2), tessellate(batch, 1e-2, workers=2)
+    assert _equal(one, two)
+    alone = _batch(add_plane)
+    area = _area(tessellate(alone, 1e-2))
+    assert area > 0.0
+    assert _area(one) == pytest.approx(len(batch) * area, rel=1e-9)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_while_compiled_code_runs_is_an_interrupt(workers: int) -> None:
+    code = (
+        "import os, signal, sys, threading, time\n"
+        "from nurbs_ooc.synth.car_body import car_body\n"
+        "from nurbs_ooc.tessellation.tessellate import tessellate\n"
+        "g, workers = car_body(), int(sys.argv[1])\n"
+        "tessellate(g, 5.0, workers=workers)\n"
+        "threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "try: tessellate(g, 0.01, workers=workers)\n"  # about two seconds
+        "except KeyboardInterrupt: print('interrupted')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(workers)], check=False, capture_output=True, text=True)
+    assert done.stdout == "interrupted\n", done.stderr
 
 
 def add_strips(builder: BatchBuilder) -> int:
