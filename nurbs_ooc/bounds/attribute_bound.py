@@ -182,7 +182,7 @@ def attribute_bound(
                 m[0], m[1], m[2] = 8.0 / (a * a), 0.0, 8.0 / (b * b)
                 return math.inf, off
             dim = bezier_net(g, row, from_u, to_u, from_v, to_v, net)
-            second_bounds(net, s.degree_u, s.degree_v, dim, to_u - from_u, to_v - from_v, one)
+            second_bounds(net, s.degree_u, s.degree_v, dim, to_u - from_u, to_v - from_v, 0.0, one)
             _unite(one, m)
             if missed_from >= 0:
                 i = find_span(g.values, s.knots_u, s.n_u, s.degree_u, 0.5 * (low_u + high_u)) - s.degree_u

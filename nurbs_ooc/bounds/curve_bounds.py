@@ -14,7 +14,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_cache.surface_record import CurveKind
-from nurbs_ooc.bounds.derivatives import OUTWARD
+from nurbs_ooc.bounds.derivatives import BOXES, OUTWARD
+from nurbs_ooc.bounds.quotient_bounds import HIGHEST, quotient_bounds
 from nurbs_ooc.geometry.bezier_net import LINE
 from nurbs_ooc.geometry.bspline import bezier_weights, find_span
 from nurbs_ooc.geometry.curve import curve_point
@@ -25,6 +26,8 @@ Floats = npt.NDArray[np.float64]
 NURBS = int(CurveKind.NURBS)
 ELLIPSE = int(CurveKind.ELLIPSE)
 
+# Numbers of a homogeneous net of ``HIGHEST`` degree.
+POINTS = 4 * (HIGHEST + 1)
 # Rows of the result.
 D1, D2 = 0, 1  # norms of the first and second derivative
 D1_X, D2_X = 2, 5  # three components each
@@ -169,6 +172,23 @@ def _differences(net: Floats, p: int, n: int, rational: bool, h: float, center: 
 
 
 @leaf
+def _keep_quotients(net: Floats, p: int, n: int, h: float, center: Floats, out: Floats) -> None:
+    """Let the bounds of a rational curve be no larger than those of its quotients."""
+    points = local_line(POINTS)
+    for i in range(p + 1):
+        points[4 * i + 2] = 0.0
+        for k in range(n):
+            points[4 * i + k] = net[i, k]
+        points[4 * i + 3] = net[i, n]
+    norms, boxes = local_line(5), local_line(BOXES)
+    quotient_bounds(points, p, 0, h, 1.0, center, True, norms, boxes)
+    out[D1], out[D2] = min(out[D1], norms[0]), min(out[D2], norms[2])
+    for k in range(n):
+        out[D1_X + k] = min(out[D1_X + k], norms[0])
+        out[D2_X + k] = min(out[D2_X + k], max(-boxes[k], boxes[3 + k]))
+
+
+@leaf
 def curve_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
     """Write the bounds of curve ``row`` over [a, b], a < b inside one knot span, to ``out`` (SIZE,)."""
     c = g.curves[row]
@@ -198,6 +218,8 @@ def curve_bounds(g: Tables, row: int, a: float, b: float, out: Floats) -> None:
         for k in range(n):
             out[D1_X + k] = (out[D1_X + k] + radius[k] * w1) / w_min
             out[D2_X + k] = (out[D2_X + k] + 2.0 * w1 * out[D1_X + k] + radius[k] * w2) / w_min
+        if c.degree <= HIGHEST:
+            _keep_quotients(net, c.degree, n, b - a, center, out)
     for k in range(LOW):
         out[k] *= OUTWARD
 

@@ -33,6 +33,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
+from nurbs_ooc.bounds.quotient_bounds import HIGHEST, quotient_bounds
 from nurbs_ooc.geometry.tables import MAX_DEGREE
 
 Floats = npt.NDArray[np.float64]
@@ -44,6 +45,11 @@ BOXES = 18
 
 # Numbers of the largest homogeneous net, one degree higher each way.
 LIFTED_SIZE = 4 * (MAX_DEGREE + 2) * (MAX_DEGREE + 2)
+
+# Where triangle inequalities may have widened a rational patch's bounds by this share, its quotients are looked at.
+PAYS = 0.1
+# But not if weights are further apart: roundoff of the quotients grows with the third power of that.
+WIDEST_SPREAD = 16.0
 
 # Outward rounding: a bound is the end of a chain of fewer than 200 roundings.
 OUTWARD = 1.0 + 2.0**-44
@@ -171,9 +177,29 @@ def less_affine(net: Floats, p: int, q: int, a: Floats, out: Floats) -> None:
 
 
 @leaf
-def _rational_bounds(
-    net: Floats, p: int, q: int, h_u: float, h_v: float, sizes: Floats, out: Floats, boxes: Floats
+def _keep_quotients(
+    net: Floats, p: int, q: int, h_u: float, h_v: float, a: Floats, first: bool, out: Floats, boxes: Floats
 ) -> None:
+    """Let the bounds of a rational patch be no wider than those of its quotients, around the middle of A."""
+    center = local_line(3)
+    for k in range(3):
+        center[k] = a[0, k] + 0.5 * (a[1, k] + a[2, k])
+    finer, finer_boxes = local_line(5), local_line(BOXES)
+    quotient_bounds(net, p, q, h_u, h_v, center, first, finer, finer_boxes)
+    for k in range(0 if first else 2, 5):
+        out[k] = min(out[k], finer[k])
+    for m in range(0, BOXES, 6):
+        for k in range(m, m + 3):
+            low, high = max(boxes[k], finer_boxes[k]), min(boxes[3 + k], finer_boxes[3 + k])
+            if low <= high:
+                boxes[k], boxes[3 + k] = low, high
+
+
+@leaf
+def _rational_bounds(
+    net: Floats, p: int, q: int, h_u: float, h_v: float, first: bool, enough: float, sizes: Floats,
+    out: Floats, boxes: Floats,
+) -> None:  # fmt: skip
     """Bounds of a rational patch to ``out`` and ``boxes``; ``sizes`` (5, 2) is scratch."""
     a = local_table(3, 3)
     affine_map(net, p, q, a)
@@ -202,6 +228,11 @@ def _rational_bounds(
     _divide(boxes[0:6], w_min, w_max, more_uu)
     _divide(boxes[6:12], w_min, w_max, more_uv)
     _divide(boxes[12:18], w_min, w_max, more_vv)
+    more = h_u * h_u * more_uu + 2.0 * h_u * h_v * more_uv + h_v * h_v * more_vv
+    whole = h_u * h_u * out[MUU] + 2.0 * h_u * h_v * out[MUV] + h_v * h_v * out[MVV]
+    near = p <= HIGHEST and q <= HIGHEST and w_max <= WIDEST_SPREAD * w_min
+    if near and more > PAYS * whole and whole > 8.0 * enough:
+        _keep_quotients(net, p, q, h_u, h_v, a, first, out, boxes)
 
 
 @leaf
@@ -223,7 +254,7 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
     """
     sizes = local_table(5, 2)
     if dim == 4:
-        _rational_bounds(net, p, q, h_u, h_v, sizes, out, boxes)
+        _rational_bounds(net, p, q, h_u, h_v, True, 0.0, sizes, out, boxes)
     else:
         _sizes(net, p, q, dim, h_u, h_v, True, sizes, boxes)
         for k in range(5):
@@ -233,14 +264,18 @@ def net_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, ou
 
 
 @leaf
-def second_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, out: Floats) -> None:
-    """As ``net_bounds``, for the second derivatives alone: three norms to ``out`` (3 + BOXES,), then their boxes."""
+def second_bounds(net: Floats, p: int, q: int, dim: int, h_u: float, h_v: float, enough: float, out: Floats) -> None:
+    """As ``net_bounds``, for the second derivatives alone: three norms to ``out`` (3 + BOXES,), then their boxes.
+
+    They need to be no better than a deviation of ``enough`` mm of a box halved by its diagonal.
+    """
+    sizes = local_table(5, 2)
     if dim == 4:
         bounds = local_line(5)
-        net_bounds(net, p, q, dim, h_u, h_v, bounds, out[3:])
-        out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
+        _rational_bounds(net, p, q, h_u, h_v, False, enough, sizes, bounds, out[3:])
+        for k in range(3):
+            out[k] = bounds[MUU + k] * OUTWARD
         return
-    sizes = local_table(5, 2)
     _sizes(net, p, q, dim, h_u, h_v, False, sizes, out[3:])
     for k in range(3):
         out[k] = sizes[MUU + k, 0] * OUTWARD

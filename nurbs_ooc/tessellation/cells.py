@@ -122,10 +122,11 @@ def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> None:
 
 
 @leaf
-def _measure_net(g: Tables, row: int, box: Floats, net: Floats, out: Floats) -> None:
-    """The same of the Bézier net of just this box."""
+def _measure_net(g: Tables, row: int, box: Floats, net: Floats, error: float, out: Floats) -> None:
+    """The same of the Bézier net of just this box, as good as an ``error`` in mm needs."""
     s = g.surfaces[row]
-    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, box[1] - box[0], box[3] - box[2], out)
+    dim = 4 if s.rational else 3
+    second_bounds(net, s.degree_u, s.degree_v, dim, box[1] - box[0], box[3] - box[2], error, out)
     box_radii(out)
 
 
@@ -170,7 +171,7 @@ def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, erro
     own = nurbs and extent == PART
     if own:
         bezier_net(g, row, b[0], b[1], b[2], b[3], net)
-        _measure_net(g, row, b, net, b[SECOND:])
+        _measure_net(g, row, b, net, error, b[SECOND:])
     else:
         _measure(g, p, row, b, b[SECOND:])
     if parent >= 0:
@@ -183,7 +184,7 @@ def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, erro
         for k in range(MEASURES):
             coarse[k] = b[SECOND + k]
         bezier_net(g, row, b[0], b[1], b[2], b[3], net)
-        _measure_net(g, row, b, net, b[SECOND:])
+        _measure_net(g, row, b, net, error, b[SECOND:])
         _keep_smaller(coarse, b[SECOND:], True)
         _count_grid(c, node, nurbs, error)
         own = True
@@ -195,7 +196,7 @@ def _plan_part(g: Tables, row: int, c: Cells, node: int, parent: int, error: flo
     """The same of a part of one piece whose ``net`` is known."""
     b = c.box[node]
     c.node[node, EXTENT] = PART
-    _measure_net(g, row, b, net, b[SECOND:])
+    _measure_net(g, row, b, net, error, b[SECOND:])
     _keep_smaller(c.box[parent, SECOND:], b[SECOND:], True)
     _count_grid(c, node, True, error)
 

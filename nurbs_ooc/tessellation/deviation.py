@@ -6,6 +6,7 @@ closed form. Creases inside the box add to it.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
-from nurbs_ooc.bounds.pieces import Pieces, creases_in_box
-from nurbs_ooc.bounds.triangle_bound import corner_hair, norm_bound, vector_bound
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, creases_in_box, find_break
+from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, corner_hair, norm_bound, vector_bound
+from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cell_search import cell_around, cell_bounds
@@ -29,6 +31,10 @@ Ints = npt.NDArray[np.int64]
 
 # Where roundoff of the corners may take more than this share of the error, cells beyond them are looked at instead.
 HAIR_SHARE = 1e-4
+# A triangle whose bound is below so many times what it must keep is looked at by itself, if the surface's nets have
+# no more points than these.
+NEARLY = 1.6
+MOST_POINTS = 16
 
 
 class Frame(NamedTuple):
@@ -46,6 +52,32 @@ class Check(NamedTuple):
     second: Floats  # (MEASURES,) what the last bound rests on, see ``cell_bounds``: its norms always, boxes perhaps
     stack: Ints  # (256,) of a walk in the kd-tree
     near: Ints  # (1,) the cell where the last walk began
+
+
+@leaf
+def _own_bound(
+    g: Tables, p: Pieces, row: int, f: Frame, u0: float, u1: float, v0: float, v1: float, x0: float, y0: float,
+    x1: float, y1: float, x2: float, y2: float, enough: float,
+) -> float:  # fmt: skip
+    """Deviation bound (mm) from the Bézier net over just the box u0..v1 of a triangle; infinite outside of one piece.
+
+    A leaf's bound is that of its worst place. A triangle that fails by little may lie in a better one, and a look at
+    its net costs less than the triangles it would be broken into.
+    """
+    i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
+    j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
+    s = g.surfaces[row]
+    if (s.degree_u + 1) * (s.degree_v + 1) > MOST_POINTS or u1 <= u0 or v1 <= v0:
+        return math.inf
+    at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
+    if u0 < p.breaks[at_u, 0] or u1 > p.breaks[at_u + 1, 0] or v0 < p.breaks[at_v, 0] or v1 > p.breaks[at_v + 1, 0]:
+        return math.inf
+    net, own = local_line(NET), local_line(MEASURES)
+    bezier_net(g, row, u0, u1, v0, v1, net)
+    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, u1 - u0, v1 - v0, enough, own)
+    box_radii(own)
+    du, dv = f.du, f.dv
+    return vector_bound(own, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
 
 
 @leaf
@@ -103,6 +135,9 @@ def _corners_bound(
             cell_bounds(c, node, u0, u1, v0, v1, True, check.stack, m)
         finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
         bound = min(bound, finer)
+        if enough < bound < NEARLY * enough:
+            own = _own_bound(g, p, row, f, u0, u1, v0, v1, x0, y0, x1, y1, x2, y2, enough)
+            bound = min(bound, charge + own)
     return bound
 
 

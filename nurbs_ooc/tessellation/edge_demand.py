@@ -37,6 +37,10 @@ Ints = npt.NDArray[np.int64]
 TRIM_SHARE = 0.25
 # The surface's deviation along the boundary leaves at least this share to the direction across it.
 ACROSS_SHARE = 0.5
+# A twist below this share of the error is none.
+TWIST_SHARE = 0.01
+# Along a pole there are to be more samples than rows of grids.
+POLE_SHARE = 0.25
 # An interval that needs several samples is measured again in halves while these are less demanding, or still need
 # many, to so many parts.
 SEVERAL = 1.5
@@ -142,6 +146,20 @@ def _turned_mixed(g: Tables, row: int, bounds: Floats) -> float:
 
 
 @leaf
+def _across(along: float, mixed: float, across: float, depth: float, error: float) -> float:
+    """What a triangle as deep as the whole face would need across the boundary, in units of ``error``; 1 if it twists.
+
+    Its side along the boundary is as long as the second derivative ``along`` allows by itself. A twist that is
+    roundoff is none.
+    """
+    if along == 0.0:
+        return 1.0 if mixed > 0.0 else 0.0
+    if 2.0 * depth * math.sqrt(8.0 * error / along) * mixed > TWIST_SHARE * error:
+        return 1.0
+    return depth * depth * across / (8.0 * error)
+
+
+@leaf
 def _demand(
     g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, e: int, a: float, b: float,
     error: float, exact: bool, d: Demand,
@@ -190,14 +208,12 @@ def _demand(
         if bend > 0.0:
             curved = part[D2_X] > 0.0 or part[D2_X + 1] > 0.0
             share = (1.0 - TRIM_SHARE) if curved else 1.0
-            # What a triangle as deep as the whole face would need across the boundary.
             if bounds[MUU] * du * du >= bounds[MVV] * dv * dv:
-                across = (s.v1 - s.v0) ** 2 * bounds[MVV] / (8.0 * error)
+                across = _across(bounds[MUU], bounds[MUV], bounds[MVV], s.v1 - s.v0, error)
             else:
-                across = (s.u1 - s.u0) ** 2 * bounds[MUU] / (8.0 * error)
-            if bounds[MUV] > 0.0:
-                across = 1.0
-            share *= max(1.0 - across, ACROSS_SHARE)
+                across = _across(bounds[MVV], bounds[MUV], bounds[MUU], s.u1 - s.u0, error)
+            # Rows of a grid that end at one sample of a pole would be triangles without area.
+            share *= POLE_SHARE if edge.curve == POLE else max(1.0 - across, ACROSS_SHARE)
             largest_bend = max(largest_bend, bend / (error * share))
     return max(worst, largest_bend), largest_bend
 

@@ -8,8 +8,9 @@ integral lie between neighbours::
 
 The interpolation error of a segment [a, b] under |f''| <= M_k on its intervals k is at most
 max M_k (b - a)^2 / 8 and at most the sum of M_k times the integral of (t - a)(b - t)/(b - a) over k;
-a segment that exceeds the demand by both is halved until it does not. Where a face finds that a
-segment alone breaks its bound, or that two of them cross, just those are cut (``split_segments``).
+a segment that exceeds the demand by both is halved until it does not, unless a walk in longest steps
+(``edge_walk``) needs fewer. Where a face finds that a segment alone breaks its bound, or that two of them
+cross, just those are cut (``split_segments``).
 
 Source: C. de Boor, "A Practical Guide to Splines", 1978, ch. III (equidistributed knots); the
 integral is that of the Green's function of linear interpolation at its largest.
@@ -36,6 +37,7 @@ from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.beside_edges import BesideEdges
 from nurbs_ooc.tessellation.edge_demand import MAX_PARTS, MAX_USES, Demand, break_room, edge_demand
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
+from nurbs_ooc.tessellation.edge_walk import walk_edge
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -220,9 +222,12 @@ def _room_for(intervals: int) -> Demand:
 @kernel
 def _sample_edges(
     g: Tables, p: Pieces, c: CurvePieces, near: BesideEdges, uses: EdgeUses, low: int, high: int, error: float,
-    trim: Floats,
+    trim: Floats, longest: bool,
 ) -> tuple[Ints, Floats]:  # fmt: skip
-    """Samples of edges low..high - 1: how many each, and all parameters one after the other."""
+    """Samples of edges low..high - 1: how many each, and all parameters one after the other.
+
+    ``longest``: a walk in longest steps may be taken.
+    """
     room = 64
     for e in range(low, high):
         room = max(room, break_room(g, uses, e))
@@ -252,6 +257,11 @@ def _sample_edges(
             more[:at] = t[:at]
             t = more
             end = _refine(d, n, coarse, n_coarse, t, at)
+        if longest and end - at > n_coarse:
+            walked = walk_edge(d, n, _smallest_count(g, e), coarse, min(end - at - 1, len(coarse)))
+            for i in range(walked):
+                t[at + i] = coarse[i]
+            end = at + walked if walked > 0 else end
         _slivers(uses, e, d, n, t, at, end, trim)
         counts[e - low] = end - at
         at = end
@@ -299,8 +309,9 @@ def with_positions(g: Tables, uses: EdgeUses, samples: EdgeSamples, run: Run) ->
 
 
 def sample_edges(
-    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float, run: Run
-) -> EdgeSamples:
+    g: Tables, pieces: Pieces, curves: CurvePieces, near: BesideEdges, uses: EdgeUses, error: float, run: Run,
+    longest: bool = True,
+) -> EdgeSamples:  # fmt: skip
     """Sample all edges of a part so that chords and slivers stay within ``error``.
 
     Args:
@@ -311,13 +322,17 @@ def sample_edges(
         uses: its coedges by edge.
         error: mm.
         run: maps a kernel over ranges of edges, in order (see ``workers``).
+        longest: take the longest steps that the distance allows where that saves samples. Halved ones change
+            their lengths gradually, which is kinder to normals.
 
     Returns:
         The samples, the same for any split of the work.
     """
     trim = np.zeros(len(g.coedges))
     aim = error * AIM
-    results = run(lambda low, high: _sample_edges(g, pieces, curves, near, uses, low, high, aim, trim), len(g.edges))
+    results = run(
+        lambda low, high: _sample_edges(g, pieces, curves, near, uses, low, high, aim, trim, longest), len(g.edges)
+    )
     counts = [np.zeros(1, np.int64), *(r[0] for r in results)]
     t = np.concatenate([np.zeros(0), *(r[1] for r in results)])
     samples = EdgeSamples(np.cumsum(np.concatenate(counts)), t, np.empty((len(t), 3)), trim)

@@ -47,7 +47,7 @@ from nurbs_ooc.tessellation.triangulate import (
     triangles_of,
 )
 from nurbs_ooc.tessellation.trimming import Boundary, count_points, gather_boundary, to_lattice
-from nurbs_ooc.tessellation.unfold import unfold_poles
+from nurbs_ooc.tessellation.unfold import break_folded, unfold_poles
 from nurbs_ooc.tessellation.workspace import (
     CAPACITY,
     MORE_BOUNDARY,
@@ -79,6 +79,8 @@ MOST_SHADED = 16.0
 SPARE_POINTS = 4096.0
 # Segments that cross are cut into so many parts a round: webs down to a millionth are told apart in time.
 CROSSED_PARTS = 3
+# Folded triangles at poles are mended so often.
+MENDINGS = 3
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 
@@ -303,7 +305,15 @@ def _settle(
     d: Draft, aim: Aim | None, corners: Corners | None,
 ) -> None:  # fmt: skip
     """Last touches to a curved face's triangles, and what its bounds are worth."""
-    unfold_poles(g, p, row, c, f, t, b, w, target)
+    for _ in range(MENDINGS):
+        if not unfold_poles(g, p, row, c, f, t, b, w, target) or aim is not None:
+            break
+        if break_folded(g, row, f, t, b, w):
+            w.blame[0] = 0
+            code, worst = certify(g, p, row, c, f, t, target, w.check, w.blame)
+            if code == FULL:
+                worst = worst_bound(g, p, row, c, f, t, target, w.check)
+            d.error[WORST] = max(d.error[WORST], worst)
     if aim is not None and corners is not None:
         measure_shading(g, p, aim, row, c, f, t, b, target, w.check, corners)
         if _shading_is_over(d, aim, target):

@@ -125,7 +125,7 @@ class Tessellator:
         # Strips between knots turn normals however thin they are: none is taken for a crease then.
         pieces = self._pieces.at(error if aim is None else 0.0)
         near = self._beside.at(pieces, self._pieces.changing, threads.runner(CURVES))
-        samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges)
+        samples = sample_edges(g, pieces, self._curves, near, uses, error, run_edges, aim is None)
         if aim is not None:
             samples = with_crease_samples(g, pieces, uses, samples, run_edges)
         most = most_samples(samples)

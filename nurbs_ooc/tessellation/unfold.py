@@ -11,7 +11,8 @@ straight there; a hair's breadth of u decides::
     X---A
 
 Folds are no more than a triangle's height off, which its bound allows, but they turn the light round. So
-an edge of a folded triangle is flipped where neither new triangle is folded and both keep the bound.
+an edge of a folded triangle is flipped where neither new triangle is folded and both keep the bound. Where there is
+no such edge, as of three corners on one meridian, the longest one gets a point: it lies on another meridian.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
 from nurbs_ooc.tessellation.deviation import Check, Frame, points_bound
+from nurbs_ooc.tessellation.grid_points import FULL
+from nurbs_ooc.tessellation.refine import break_up
 from nurbs_ooc.tessellation.triangulate import (
     ADJACENT,
     FIXED,
@@ -156,37 +159,78 @@ def _turn(
 
 
 @leaf
+def _is_folded(g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, d: Drawn, k: int) -> bool:
+    """Whether triangle ``k`` is an inner one, at a pole and folded."""
+    return (
+        t.tri[k, INSIDE] != 0
+        and _at_pole(t, b, d, k)
+        and _folded(g, row, f, t, b, d, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2])
+    )
+
+
+@leaf
 def _pass(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, check: Check,
     d: Drawn,
-) -> bool:  # fmt: skip
-    """Look at all inner triangles at poles once; whether an edge was flipped."""
-    turned = False
+) -> tuple[int, int]:  # fmt: skip
+    """Look at all inner triangles at poles once; how many were folded, and how many of them no more."""
+    folded, turned = 0, 0
     for k in range(t.n[N_TRIANGLES]):
-        if (
-            t.tri[k, INSIDE] != 0
-            and _at_pole(t, b, d, k)
-            and _folded(g, row, f, t, b, d, t.tri[k, 0], t.tri[k, 1], t.tri[k, 2])
-        ):
-            turned = _turn(g, p, row, c, f, t, b, k, target, check, d) or turned
-    return turned
+        if _is_folded(g, row, f, t, b, d, k):
+            folded += 1
+            if _turn(g, p, row, c, f, t, b, k, target, check, d):
+                turned += 1
+    return folded, turned
+
+
+@leaf
+def _forget(t: Triangulation, w: Workspace) -> int:
+    """Let no point of a triangulation have been evaluated; how many there are."""
+    for i in range(t.n[N_POINTS]):
+        w.drawn.kind[i] = 0
+    return t.n[N_POINTS]
 
 
 @leaf
 def unfold_poles(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, w: Workspace, target: float
-) -> None:
+) -> bool:
     """Flip edges of folded triangles of a face with poles, where no bound exceeds ``target``, mm.
 
-    ``w.drawn.owner`` gives the boundary point of a lattice point, -1 for inner ones.
+    ``w.drawn.owner`` gives the boundary point of a lattice point, -1 for inner ones. Returns whether some stay folded.
     """
     if not _any_pole(b):
-        return
-    n = t.n[N_POINTS]
-    r = w.drawn
-    for i in range(n):
-        r.kind[i] = 0
+        return False
+    n, r = _forget(t, w), w.drawn
     d = Drawn(r.place[:n], r.normal[:n], r.kind[:n], r.owner[:n], w.scratch)
+    folded, turned = 0, 0
     for _ in range(MAX_PASSES):
-        if not _pass(g, p, row, c, f, t, b, target, w.check, d):
+        folded, turned = _pass(g, p, row, c, f, t, b, target, w.check, d)
+        if turned == 0:
             break
+    return folded > turned
+
+
+@leaf
+def break_folded(g: Tables, row: int, f: Frame, t: Triangulation, b: Boundary, w: Workspace) -> bool:
+    """Insert a point on the longest edge of each folded triangle; whether there were any.
+
+    The triangles around it have no bound yet.
+    """
+    n, r = _forget(t, w), w.drawn
+    d = Drawn(r.place[:n], r.normal[:n], r.kind[:n], r.owner[:n], w.scratch)
+    for k in range(t.n[N_TRIANGLES]):
+        if max(t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]) >= n or not _is_folded(g, row, f, t, b, d, k):
+            continue
+        longest = -1
+        most = 0.0
+        for i in range(3):
+            j, m = t.tri[k, (i + 1) % 3], t.tri[k, (i + 2) % 3]
+            size = 0.0
+            for e in range(3):
+                size += (d.place[j, e] - d.place[m, e]) ** 2
+            if size > most:
+                longest, most = i, size
+        if longest >= 0 and t.tri[k, FIXED + longest] == 0 and break_up(t, k, longest, -1) == FULL:
+            break
+    return t.n[N_POINTS] > n
