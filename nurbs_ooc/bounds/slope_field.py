@@ -17,6 +17,8 @@ Rows of tables are those of ``derivative_boxes.order``.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -124,3 +126,11 @@ def unite_slopes(s: Floats, skip_uu: bool, skip_vv: bool, out: Floats) -> None:
         for c in range(0, 4, 2):
             out[k, c] = min(out[k, c], s[k, c])
             out[k, c + 1] = max(out[k, c + 1], s[k, c + 1])
+
+
+@leaf
+def largest_slope(field: Floats, k: int) -> float:
+    """Largest norm of a vector in box ``k`` of ``field``."""
+    x = max(-field[k, 0], field[k, 1], 0.0)
+    y = max(-field[k, 2], field[k, 3], 0.0)
+    return math.sqrt(x * x + y * y)

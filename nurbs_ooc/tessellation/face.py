@@ -29,12 +29,20 @@ from nurbs_ooc.tessellation.certify_shading import (
     refine_shading,
     segments_too_long,
 )
-from nurbs_ooc.tessellation.constraints import flood_inside, insert_constraint
-from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, segment_bound, worst_bound
+from nurbs_ooc.tessellation.constraints import flood_inside
+from nurbs_ooc.tessellation.deviation import Frame, worst_bound
 from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
-from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, segment_length, surface_diagonal
+from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, surface_diagonal
 from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
-from nurbs_ooc.tessellation.refine import certify, parts_needed
+from nurbs_ooc.tessellation.loops_on_lattice import (
+    ask,
+    ask_all,
+    ask_between,
+    ask_for_long_segments,
+    constrain_loops,
+    triangulate_loops,
+)
+from nurbs_ooc.tessellation.refine import certify
 from nurbs_ooc.tessellation.shading import ANGLE, APPEARANCE, Aim, Corners, new_corners
 from nurbs_ooc.tessellation.shading_cells import DISTANCE_SHARE, insert_both, shading_cells
 from nurbs_ooc.tessellation.triangulate import (
@@ -42,11 +50,10 @@ from nurbs_ooc.tessellation.triangulate import (
     N_OUTER,
     N_TRIANGLES,
     Triangulation,
-    insert_point,
     start_triangulation,
     triangles_of,
 )
-from nurbs_ooc.tessellation.trimming import Boundary, count_points, gather_boundary, to_lattice
+from nurbs_ooc.tessellation.trimming import Boundary, count_points, gather_boundary
 from nurbs_ooc.tessellation.unfold import break_folded, unfold_poles
 from nurbs_ooc.tessellation.workspace import (
     CAPACITY,
@@ -75,10 +82,8 @@ ASKED = 3
 # the bound it has reached and says so.
 MAX_POINTS = 1 << 21
 MOST_POINTS = 24.0
-MOST_SHADED = 16.0
+MOST_SHADED = 16.0  # where normals count: those that turn within a sliver of the domain could ask for any number
 SPARE_POINTS = 4096.0
-# Segments that cross are cut into so many parts a round: webs down to a millionth are told apart in time.
-CROSSED_PARTS = 3
 # Folded triangles at poles are mended so often.
 MENDINGS = 3
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
@@ -132,80 +137,6 @@ def _grid_points(c: Cells) -> float:
 
 
 @leaf
-def _ask(b: Boundary, i: int, parts: int, wanted: Ints) -> None:
-    """Ask that the boundary segment from point i be cut into that many parts."""
-    wanted[b.segment[i]] = max(wanted[b.segment[i]], parts)
-
-
-@leaf
-def _ask_between(b: Boundary, owner: Ints, p: int, q: int, parts: int, wanted: Ints) -> None:
-    """Ask for samples on the segment that joins lattice points p and q, or on those from either."""
-    i, j = owner[p], owner[q]
-    if i < 0 or j < 0:
-        return
-    if b.next[i] == j:
-        _ask(b, i, parts, wanted)
-    elif b.next[j] == i:
-        _ask(b, j, parts, wanted)
-    else:
-        _ask(b, i, parts, wanted)
-        _ask(b, j, parts, wanted)
-
-
-@leaf
-def _ask_all(b: Boundary, wanted: Ints) -> None:
-    """Ask that all segments be halved."""
-    for i in range(len(b.next)):
-        _ask(b, i, 2, wanted)
-
-
-@leaf
-def _constrain(
-    t: Triangulation, b: Boundary, owner: Ints, pairs: Ints, crossed: Ints, wanted: Ints
-) -> tuple[int, float]:
-    """Insert all loop segments; how many crossed others, and the longest of those, mm. ``crossed`` (2,) is scratch."""
-    point = b.point
-    lost = 0
-    longest = 0.0
-    for i in range(len(point)):
-        p, q = point[i], point[b.next[i]]
-        if p != q and not insert_constraint(t, p, q, pairs, crossed):
-            lost += 1
-            longest = max(longest, segment_length(b, i))
-            _ask(b, i, CROSSED_PARTS, wanted)
-            _ask_between(b, owner, crossed[0], crossed[1], CROSSED_PARTS, wanted)
-    return lost, longest
-
-
-@leaf
-def _triangulate_loops(t: Triangulation, b: Boundary, owner: Ints) -> None:
-    """Insert the boundary points; ``b.point`` maps boundary to lattice points, ``owner`` the first back."""
-    point = b.point
-    for i in range(len(point)):
-        px = to_lattice(b.uv[i, 0], b.box[0], b.box[1])
-        py = to_lattice(b.uv[i, 1], b.box[2], b.box[3])
-        point[i] = insert_point(t, px, py)
-        if owner[point[i]] < 0:
-            owner[point[i]] = i
-
-
-@leaf
-def _ask_for_long_segments(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, b: Boundary, target: float, check: Check,
-    wanted: Ints,
-) -> bool:  # fmt: skip
-    """Ask for parts of all boundary segments that break the bound by themselves; whether there are any."""
-    point = b.point
-    found = False
-    for i in range(len(point)):
-        bound = segment_bound(g, p, row, c, f, t, point[i], point[b.next[i]], check, target)
-        if bound > target and can_shrink(g, p, row, c, f, t, point[i], point[b.next[i]], check, target):
-            _ask(b, i, parts_needed(bound / target), wanted)
-            found = True
-    return found
-
-
-@leaf
 def _any_inside(t: Triangulation) -> bool:
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
@@ -217,7 +148,7 @@ def _any_inside(t: Triangulation) -> bool:
 def _nothing_inside(b: Boundary, d: Draft, final: bool, wanted: Ints) -> int:
     """A face whose loops enclose nothing: it asks for twice the samples, or its boundary points stand for it."""
     if not final:
-        _ask_all(b, wanted)
+        ask_all(b, wanted)
         return NEEDS_SAMPLES
     d.error[WORST] = box_diagonal(b.position)
     d.found[ANGLE], d.found[APPEARANCE] = math.pi, d.error[WORST]
@@ -239,7 +170,7 @@ def _refine(
             parts = np.zeros(len(b.next), dtype=np.int64)
             if segments_too_long(g, p, aim, row, c, f, t, b, target, w.check, corners, parts):
                 for i in range(len(parts)):
-                    _ask(b, i, parts[i], wanted)
+                    ask(b, i, parts[i], wanted)
                 return ASKED
         if planned:
             code = insert_both(t, c, shades, f, w.check.stack)
@@ -266,8 +197,8 @@ def _attempt(
     for i in range(len(t.points)):
         owner[i] = -1
     d.code[STATUS], d.code[REASON], d.error[EXTRA], d.error[WORST] = 0, 0, 0.0, 0.0
-    _triangulate_loops(t, b, owner)
-    lost, longest = _constrain(t, b, owner, w.room.pairs, w.check.stack, wanted)
+    triangulate_loops(t, b, owner)
+    lost, longest = constrain_loops(t, b, owner, w.room.pairs, w.check.stack, wanted)
     if lost > 0 and not final:
         return NEEDS_SAMPLES
     if lost > 0:
@@ -279,7 +210,7 @@ def _attempt(
         return _nothing_inside(b, d, final, wanted)
     if flat:
         return READY
-    if not final and _ask_for_long_segments(g, p, row, c, f, t, b, target, w.check, wanted):
+    if not final and ask_for_long_segments(g, p, row, c, f, t, b, target, w.check, wanted):
         return NEEDS_SAMPLES
     w.blame[0] = 0
     code = _refine(g, p, row, c, shades, f, t, b, target, promised, final, w, wanted, d, aim, corners)
@@ -288,7 +219,7 @@ def _attempt(
     if code != DONE and not final:
         # Blames, unless the asking has been done.
         for m in range(w.blame[0]):
-            _ask_between(b, owner, w.blame[3 * m + 1], w.blame[3 * m + 2], w.blame[3 * m + 3], wanted)
+            ask_between(b, owner, w.blame[3 * m + 1], w.blame[3 * m + 2], w.blame[3 * m + 3], wanted)
         return NEEDS_SAMPLES
     return READY
 
@@ -332,6 +263,14 @@ def _settle(
         d.found[APPEARANCE] = min(d.found[APPEARANCE], math.sqrt(6.0) * largest)
         if d.code[STATUS] == 0:
             d.code[STATUS], d.code[REASON] = DEGRADED, BUDGET_EXHAUSTED
+
+
+@leaf
+def _capacities(promised: float, boundary: int, times: float) -> tuple[int, int]:
+    """Room for points to begin with, and at most: ``times`` what is promised."""
+    # The boundary's points go in, however many they are.
+    capacity = max(int(min(2.0 * promised + 2.0 * boundary + 64.0, float(MAX_POINTS))), boundary + 64)
+    return capacity, int(min(times * promised + SPARE_POINTS, float(MAX_POINTS)))
 
 
 @leaf
@@ -385,12 +324,7 @@ def tessellate_face(
     if aim is not None:
         shades = shading_cells(g, aim, p, row, b.box, target)
         promised += _grid_points(shades)
-    # The boundary's points go in, however many they are.
-    capacity = max(int(min(2.0 * promised + 2.0 * n + 64.0, float(MAX_POINTS))), n + 64)
-    most = int(min(MOST_POINTS * promised + SPARE_POINTS, float(MAX_POINTS)))
-    if aim is not None:
-        # Normals that turn within a sliver of the domain could ask for any number.
-        most = int(min(MOST_SHADED * promised + SPARE_POINTS, float(MAX_POINTS)))
+    capacity, most = _capacities(promised, n, MOST_POINTS if aim is None else MOST_SHADED)
     while True:
         if capacity + N_OUTER > len(w.room.points):
             w.size[MORE_POINTS] = capacity

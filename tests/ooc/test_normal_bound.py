@@ -11,7 +11,8 @@ import pytest
 
 from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import GeometryBatch, SurfaceKind
-from nurbs_ooc.bounds.normal_bound import SIZE, normal_bound, turn_of_circle
+from nurbs_ooc.bounds.circle_turn import turn_of_circle
+from nurbs_ooc.bounds.normal_bound import SIZE, normal_bound
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.bounds.spline_slopes import pole_sides
 from nurbs_ooc.bounds.strips import surface_pieces
