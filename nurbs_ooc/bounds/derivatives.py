@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
-from nurbs_ooc.bounds.quotient_bounds import HIGHEST, quotient_bounds
+from nurbs_ooc.bounds.quotient_bounds import pays, quotient_bounds
 from nurbs_ooc.geometry.tables import MAX_DEGREE
 
 Floats = npt.NDArray[np.float64]
@@ -230,8 +230,8 @@ def _rational_bounds(
     _divide(boxes[12:18], w_min, w_max, more_vv)
     more = h_u * h_u * more_uu + 2.0 * h_u * h_v * more_uv + h_v * h_v * more_vv
     whole = h_u * h_u * out[MUU] + 2.0 * h_u * h_v * out[MUV] + h_v * h_v * out[MVV]
-    near = p <= HIGHEST and q <= HIGHEST and w_max <= WIDEST_SPREAD * w_min
-    if near and more > PAYS * whole and whole > 8.0 * enough:
+    wide = more > PAYS * whole and whole > 8.0 * enough
+    if wide and w_max <= WIDEST_SPREAD * w_min and pays(net, p, q):
         _keep_quotients(net, p, q, h_u, h_v, a, first, out, boxes)
 
 

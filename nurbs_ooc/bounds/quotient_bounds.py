@@ -34,6 +34,8 @@ Floats = npt.NDArray[np.float64]
 
 # Nets of higher degree are left to the quotient rule: the work grows with the fourth power.
 HIGHEST = 5
+# Of weights that are no products it grows with the sixth.
+HIGHEST_MIXED = 2
 # Coefficients of a net, and of the largest numerator or denominator, of degree 3 HIGHEST each way; vectors have three.
 NET = (HIGHEST + 1) * (HIGHEST + 1)
 NET_VECTORS = 3 * NET
@@ -167,6 +169,13 @@ def _apart(net: Floats, p: int, q: int) -> bool:
             if abs(net[at] - product) > SAME_WEIGHT * net[at]:
                 return False
     return True
+
+
+@leaf
+def pays(net: Floats, p: int, q: int) -> bool:
+    """Whether ``quotient_bounds`` of a flat homogeneous net costs little beside the triangles that it may save."""
+    most = max(p, q)
+    return most <= HIGHEST_MIXED or (most <= HIGHEST and _apart(net, p, q))
 
 
 @leaf
