@@ -17,8 +17,9 @@ from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.creases import JUMP, VALUE, crease_charge, is_multiple, profile_jump, slope_jump
 from nurbs_ooc.bounds.curve_bounds import NURBS as NURBS_CURVE
-from nurbs_ooc.bounds.derivatives import BOXES, net_bounds, weight_spread
+from nurbs_ooc.bounds.derivatives import BOXES, MUU, net_bounds, weight_spread
 from nurbs_ooc.bounds.spline_bounds import Spans, spline_bounds
+from nurbs_ooc.bounds.triangle_bound import box_radii
 from nurbs_ooc.geometry.bezier_net import LINE, NET, bezier_net, net_of_span
 from nurbs_ooc.geometry.bspline import bezier_weights, find_span
 from nurbs_ooc.geometry.ranges import Run, at_once
@@ -280,8 +281,8 @@ def find_break(p: Pieces, at: int, n: int, t: float) -> int:
 
 
 @leaf
-def _pieces_met(p: Pieces, at: int, n: int, low: float, high: float) -> tuple[int, int]:
-    """First and last but one of the ``n`` pieces of one direction that meet [low, high]; one at least."""
+def pieces_met(p: Pieces, at: int, n: int, low: float, high: float) -> tuple[int, int]:
+    """First and last plus one of the ``n`` pieces of one direction that meet [low, high]; one at least."""
     first = find_break(p, at, n, low)
     end = first + 1
     while end < n and p.breaks[at + end, 0] < high:
@@ -337,8 +338,8 @@ def box_bounds(g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, 
         out[k] = 0.0
     box = local_line(4)
     box[0], box[1], box[2], box[3] = u0, u1, v0, v1
-    i0, i1 = _pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
-    j0, j1 = _pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
+    i0, i1 = pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
+    j0, j1 = pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
     for i in range(i0, i1):
         for j in range(j0, j1):
             piece = p.table[row, FIRST] + i * p.table[row, N_V] + j
@@ -351,16 +352,35 @@ def box_bounds(g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, 
 
 
 @leaf
-def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
-    """The box of each second derivative over a parameter box of a B-spline surface, to ``out`` (BOXES,)."""
+def _boxes_of_pieces(p: Pieces, row: int, i0: int, i1: int, j0: int, j1: int, out: Floats) -> None:
+    """The box of each second derivative over pieces [i0, i1) x [j0, j1), to ``out`` (BOXES,)."""
     for m in range(3):
         for k in range(3):
             out[6 * m + k], out[6 * m + 3 + k] = np.inf, -np.inf
-    i0, i1 = _pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
-    j0, j1 = _pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
     for i in range(i0, i1):
         for j in range(j0, j1):
             unite(p.boxes[p.table[row, FIRST] + i * p.table[row, N_V] + j], out)
+
+
+@leaf
+def box_boxes(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> None:
+    """The box of each second derivative over a parameter box of a B-spline surface, to ``out`` (BOXES,)."""
+    i0, i1 = pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
+    j0, j1 = pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
+    _boxes_of_pieces(p, row, i0, i1, j0, j1, out)
+
+
+@leaf
+def second_of_pieces(p: Pieces, row: int, i0: int, i1: int, j0: int, j1: int, out: Floats) -> None:
+    """Second-derivative bounds of pieces [i0, i1) x [j0, j1) as they are known, to ``out`` (MEASURES,)."""
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            bounds = p.bounds[p.table[row, FIRST] + i * p.table[row, N_V] + j]
+            for k in range(3):
+                out[k] = max(out[k], bounds[MUU + k])
+    _boxes_of_pieces(p, row, i0, i1, j0, j1, out[3:])
+    box_radii(out)
 
 
 @leaf

@@ -16,13 +16,13 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, creases_in_box, find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, creases_in_box, pieces_met, second_of_pieces
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, corner_hair, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cell_search import cell_around, cell_bounds
-from nurbs_ooc.tessellation.cells import CHILD, SECOND, Cells
+from nurbs_ooc.tessellation.cells import CHILD, EXTENT, SECOND, SEVERAL, Cells
 from nurbs_ooc.tessellation.triangulate import INSIDE, N_TRIANGLES, Triangulation
 
 Floats = npt.NDArray[np.float64]
@@ -35,6 +35,8 @@ HAIR_SHARE = 1e-4
 # no more points than these.
 NEARLY = 1.6
 MOST_POINTS = 16
+# Of a leaf that covers several pieces those are looked at that the triangle meets, up to so many.
+MOST_PIECES = 16
 
 
 class Frame(NamedTuple):
@@ -55,29 +57,32 @@ class Check(NamedTuple):
 
 
 @leaf
-def _own_bound(
-    g: Tables, p: Pieces, row: int, f: Frame, u0: float, u1: float, v0: float, v1: float, x0: float, y0: float,
-    x1: float, y1: float, x2: float, y2: float, enough: float,
-) -> float:  # fmt: skip
-    """Deviation bound (mm) from the Bézier net over just the box u0..v1 of a triangle; infinite outside of one piece.
+def _measure_own(
+    g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, several: bool, enough: float,
+    out: Floats,
+) -> bool:  # fmt: skip
+    """Second-derivative bounds over just this box to ``out`` (MEASURES,): of its pieces, or of its Bézier net.
 
-    A leaf's bound is that of its worst place. A triangle that fails by little may lie in a better one, and a look at
-    its net costs less than the triangles it would be broken into.
+    Returns whether there are any that a leaf's own, over one piece or ``several``, are not as good as.
     """
-    i = find_break(p, p.table[row, BREAK_U], p.table[row, N_U], u0)
-    j = find_break(p, p.table[row, BREAK_V], p.table[row, N_V], v0)
+    at_u, n_u, at_v, n_v = p.table[row, BREAK_U], p.table[row, N_U], p.table[row, BREAK_V], p.table[row, N_V]
+    i0, i1 = pieces_met(p, at_u, n_u, u0, u1)
+    j0, j1 = pieces_met(p, at_v, n_v, v0, v1)
+    if (i1 - i0) * (j1 - j0) > 1:
+        if several and (i1 - i0) * (j1 - j0) <= MOST_PIECES:
+            second_of_pieces(p, row, i0, i1, j0, j1, out)
+            return True
+        return False
     s = g.surfaces[row]
-    if (s.degree_u + 1) * (s.degree_v + 1) > MOST_POINTS or u1 <= u0 or v1 <= v0:
-        return math.inf
-    at_u, at_v = p.table[row, BREAK_U] + i, p.table[row, BREAK_V] + j
-    if u0 < p.breaks[at_u, 0] or u1 > p.breaks[at_u + 1, 0] or v0 < p.breaks[at_v, 0] or v1 > p.breaks[at_v + 1, 0]:
-        return math.inf
-    net, own = local_line(NET), local_line(MEASURES)
+    inside = u0 >= p.breaks[at_u + i0, 0] and v0 >= p.breaks[at_v + j0, 0]
+    inside = inside and u0 < u1 <= p.breaks[at_u + i1, 0] and v0 < v1 <= p.breaks[at_v + j1, 0]
+    if not inside or (s.degree_u + 1) * (s.degree_v + 1) > MOST_POINTS:
+        return False
+    net = local_line(NET)
     bezier_net(g, row, u0, u1, v0, v1, net)
-    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, u1 - u0, v1 - v0, enough, own)
-    box_radii(own)
-    du, dv = f.du, f.dv
-    return vector_bound(own, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, u1 - u0, v1 - v0, enough, out)
+    box_radii(out)
+    return True
 
 
 @leaf
@@ -135,9 +140,12 @@ def _corners_bound(
             cell_bounds(c, node, u0, u1, v0, v1, True, check.stack, m)
         finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
         bound = min(bound, finer)
-        if enough < bound < NEARLY * enough:
-            own = _own_bound(g, p, row, f, u0, u1, v0, v1, x0, y0, x1, y1, x2, y2, enough)
-            bound = min(bound, charge + own)
+        several = c.node[node, EXTENT] == SEVERAL
+        if enough < bound and (several or bound < NEARLY * enough):
+            own = local_line(MEASURES)
+            if _measure_own(g, p, row, u0, u1, v0, v1, several, enough, own):
+                finer = charge + vector_bound(own, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
+                bound = min(bound, finer)
     return bound
 
 
