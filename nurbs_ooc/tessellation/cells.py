@@ -24,7 +24,7 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
-from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, grid_bounds
 from nurbs_ooc.geometry.bezier_net import bezier_net, split_net
@@ -45,6 +45,8 @@ CELL_SHARE = 0.9
 WORTH = 0.85
 # So two halves of one triangle pair each can never be worth the split of two.
 UNDIVIDED = 2.0
+# Where the sum of norms exceeds the error so many times, directions of derivatives are not looked at.
+MOST_CRUDE = 16.0
 # A rational cell of more quadrilaterals is split in any case.
 MOST_UNTRIED = 64.0
 # Cells of all surfaces together stay far below; a single one is cut off here and says so by its error.
@@ -108,16 +110,24 @@ def _extent(p: Pieces, row: int, box: Floats) -> int:
 
 
 @leaf
-def _measure(g: Tables, p: Pieces, row: int, box: Floats, out: Floats) -> None:
+def _measure(g: Tables, p: Pieces, row: int, box: Floats, error: float, out: Floats) -> None:
     """Second-derivative bounds of the pieces over a box to ``out`` (MEASURES,).
 
-    Tagged surfaces have bounds alone.
+    Tagged surfaces have bounds alone. Where an ``error`` in mm needs many triangles by any measure, boxes are as wide
+    as the bounds allow: such a cell will be split.
     """
     bounds = local_line(5)
-    box_bounds(g, p, row, box[0], box[1], box[2], box[3], bounds)
+    u0, u1, v0, v1 = box[0], box[1], box[2], box[3]
+    box_bounds(g, p, row, u0, u1, v0, v1, bounds)
     out[0], out[1], out[2] = bounds[MUU], bounds[MUV], bounds[MVV]
     if g.surfaces[row].kind == NURBS:
-        box_boxes(p, row, box[0], box[1], box[2], box[3], out[3:])
+        boxes = out[3:]
+        a, b = u1 - u0, v1 - v0
+        if a * a * bounds[MUU] + 2.0 * a * b * bounds[MUV] + b * b * bounds[MVV] > 8.0 * error * MOST_CRUDE:
+            for k in range(BOXES):
+                boxes[k] = bounds[MUU + k // 6] * (-1.0 if k % 6 < 3 else 1.0)
+        else:
+            box_boxes(p, row, u0, u1, v0, v1, boxes)
         box_radii(out)
 
 
@@ -173,7 +183,7 @@ def _plan(g: Tables, p: Pieces, row: int, c: Cells, node: int, parent: int, erro
         bezier_net(g, row, b[0], b[1], b[2], b[3], net)
         _measure_net(g, row, b, net, error, b[SECOND:])
     else:
-        _measure(g, p, row, b, b[SECOND:])
+        _measure(g, p, row, b, error, b[SECOND:])
     if parent >= 0:
         # What holds for a cell holds for its children.
         _keep_smaller(c.box[parent, SECOND:], b[SECOND:], nurbs)

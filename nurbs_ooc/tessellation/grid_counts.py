@@ -34,13 +34,14 @@ def grid_counts(muu: float, muv: float, mvv: float, a: float, b: float, error: f
             nv = max(1.0, math.floor(0.9 * cm / nu))
     steps = 0
     while steps < 4096:
-        total = cu / (nu * nu) + cv / (nv * nv) + cm / (nu * nv)
-        if total <= 1.0:
+        # Of a cell: its width, and that of one column or row more.
+        u, v, finer_u, finer_v = 1.0 / nu, 1.0 / nv, 1.0 / (nu + 1.0), 1.0 / (nv + 1.0)
+        if cu * u * u + cv * v * v + cm * u * v <= 1.0:
             break
-        more_u = cu / ((nu + 1) * (nu + 1)) + cv / (nv * nv) + cm / ((nu + 1) * nv)
-        more_v = cu / (nu * nu) + cv / ((nv + 1) * (nv + 1)) + cm / (nu * (nv + 1))
+        less_u = (u - finer_u) * (cu * (u + finer_u) + cm * v)
+        less_v = (v - finer_v) * (cv * (v + finer_v) + cm * u)
         # What a step saves against what it costs.
-        if (total - more_u) * nu >= (total - more_v) * nv:
+        if less_u * nu >= less_v * nv:
             nu += max(1.0, math.floor(nu * 0.02))
         else:
             nv += max(1.0, math.floor(nv * 0.02))
