@@ -131,6 +131,8 @@ def _name_gaps(codes: Ints, errors: Floats, error: float) -> None:
 
     Without the gap they would have kept it: what surface and trim take is within the error.
     """
+    if not errors[:, 2].any():
+        return
     over = (errors[:, :3].sum(axis=1) > error) & (errors[:, :2].sum(axis=1) <= error)
     kept_open = over & (codes[:, 1] == FaceStatus.EXACT)
     codes[kept_open, 1] = FaceStatus.HEALED
@@ -154,6 +156,14 @@ def _latest(rounds: Sequence[Round], faces: Ints) -> _Latest:
     np.cumsum(np.concatenate(counts)[pick], axis=0, out=starts[1:])
     codes, errors = np.concatenate([c.codes for c in chunks]), np.concatenate([c.errors for c in chunks])
     return _Latest(chunks, number[pick], within[pick], starts, codes[pick], errors[pick])
+
+
+def _only(chunk: Chunk) -> _Latest:
+    """The faces of a chunk, all of them in its order."""
+    n = len(chunk.ends)
+    starts = np.zeros((n + 1, 3), np.int64)
+    starts[1:] = chunk.ends
+    return _Latest([chunk], np.zeros(n, np.int64), np.arange(n), starts, chunk.codes, chunk.errors)
 
 
 def _nothing() -> _Latest:
@@ -181,10 +191,11 @@ def assemble(
         run: maps the copying over ranges of chunks.
         shaded, combined: whether the mesh has ``normal_error``, and ``appearance_error``.
     """
-    latest = _latest(rounds, faces) if len(faces) else _nothing()
+    first = rounds[0].chunks
+    whole = len(rounds) == 1 and len(first) == 1 and np.array_equal(rounds[0].rows, faces)
+    latest = _only(first[0]) if whole else _latest(rounds, faces) if len(faces) else _nothing()
     starts, codes, errors = latest.starts, latest.codes, latest.errors
     _name_gaps(codes, errors, error)
-    whole = len(latest.chunks) == 1 and np.array_equal(rounds[0].rows, faces)
     arrays = _as_they_are(latest.chunks[0]) if whole else _copied(latest, run)
     return MeshBatch(
         faces=faces,
