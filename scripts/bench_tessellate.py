@@ -6,13 +6,11 @@
 For every model and deflection: CPU seconds (median of the warm runs, and the first call by itself),
 faces/s, triangles/s, triangles, and the largest sampled distance of the exact surfaces to the
 triangles of their face. Ours is measured by ``nurbs_ooc.measure`` (samples over the whole trimmed face,
-boundary included, the worst climb). Theirs is measured more kindly: points of Open CASCADE's own
-surface at parameters inside its own triangles, to the nearest of the face's triangles, no climbing.
+boundary included, the worst climb), theirs more kindly (see ``open_cascade_peer``).
 """
 
 from __future__ import annotations
 
-import gzip
 import json
 import math
 import os
@@ -23,19 +21,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 from docs_section import replace_section
+from open_cascade_peer import ANGLE, attack_theirs, faces_of, mesh_theirs, read_shape
+from tessellate_tables import CAR_BODY_HEAD, HEAD, car_body_line, line, markdown
 
 from nurbs_cache.surface_record import FaceStatus, GeometryBatch
 from nurbs_ooc.measure.attack_mesh import attack_mesh
-from nurbs_ooc.measure.closest import ClosestPrimitive
 from nurbs_ooc.measure.face_sampler import sample_faces
-from nurbs_ooc.measure.mesh_sampler import sample_triangles
 from nurbs_ooc.measure.trim_region import TrimRegion
 
 MODELS = (
@@ -50,8 +47,9 @@ MODELS = (
     "occt_linkrods.step.gz",
 )
 COARSEST = 20.0  # times the deflection: where theirs has lost its surface, ours is not made as bad
+WARM_S = 0.3  # of CPU time for the median of a model at one deflection, at least
+SHOWN, GAP = 0.1, 0.1  # of the deflection: faces certified for less are flat, with larger gaps not smooth
 CAR_BODY_MM = (5.0, 0.5, 0.1)
-ANGLE = 0.5  # rad, Open CASCADE's angular deflection: its usual default, it always applies one
 
 
 def machine() -> dict[str, Any]:
@@ -71,106 +69,12 @@ def timed(call: Callable[[], Any]) -> tuple[Any, float]:
     return result, time.process_time() - start
 
 
-@contextmanager
-def quiet_stdout() -> Iterator[None]:
-    """Open CASCADE writes to the file descriptor itself."""
-    sys.stdout.flush()
-    keep, null = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
-    try:
-        yield
-    finally:
-        os.dup2(keep, 1)
-        os.close(keep)
-        os.close(null)
-
-
-# Open CASCADE.
-
-
-def read_shape(path: Path) -> Any:
-    """The whole file as one shape, in mm."""
-    from OCP.IGESControl import IGESControl_Reader
-    from OCP.STEPControl import STEPControl_Reader
-
-    suffixes = [s for s in path.suffixes if s != ".gz"]
-    reader = IGESControl_Reader() if suffixes[-1].lower() in (".igs", ".iges") else STEPControl_Reader()
-    with tempfile.TemporaryDirectory() as folder, quiet_stdout():
-        plain = path
-        if path.suffix == ".gz":
-            plain = Path(folder) / path.stem
-            plain.write_bytes(gzip.decompress(path.read_bytes()))
-        reader.ReadFile(str(plain))
-        reader.TransferRoots()
-        return reader.OneShape()
-
-
-def faces_of(shape: Any) -> list[Any]:
-    """Its faces, each shared one once."""
-    from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopLoc import TopLoc_Location
-    from OCP.TopoDS import TopoDS
-
-    cast = TopoDS.Face_s if hasattr(TopoDS, "Face_s") else TopoDS.Face
-    faces: dict[int, Any] = {}
-    explorer = TopExp_Explorer(shape, TopAbs_FACE)
-    while explorer.More():
-        face = explorer.Current().Located(TopLoc_Location())
-        faces.setdefault(hash(face), cast(face))
-        explorer.Next()
-    return list(faces.values())
-
-
-def mesh_theirs(shape: Any, deflection: float) -> None:
-    """Mesh from nothing."""
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.BRepTools import BRepTools
-
-    BRepTools.Clean_s(shape)
-    BRepMesh_IncrementalMesh(shape, deflection, False, ANGLE, False)
-
-
-def triangulation(face: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Nodes (n, 3), their parameters (n, 2) and triangles (t, 3) of a meshed face, in its own place."""
-    from OCP.BRep import BRep_Tool
-    from OCP.TopLoc import TopLoc_Location
-
-    mesh = BRep_Tool.Triangulation_s(face, TopLoc_Location())
-    if mesh is None or mesh.NbTriangles() == 0:
-        return None
-    n = range(1, mesh.NbNodes() + 1)
-    xyz = np.array([(p.X(), p.Y(), p.Z()) for p in (mesh.Node(i) for i in n)])
-    uv = np.array([(p.X(), p.Y()) for p in (mesh.UVNode(i) for i in n)])
-    return xyz, uv, np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]) - 1
-
-
-def attack_theirs(faces: list[Any], samples: int, seed: int) -> dict[str, Any]:
-    """Sample their own surfaces inside their own triangles."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-
-    rng = np.random.default_rng(seed)
-    worst, triangles, lost, total = 0.0, 0, 0, 0
-    for face in faces:
-        mesh = triangulation(face)
-        if mesh is None:
-            lost += 1
-            continue
-        xyz, uv, t = mesh
-        triangles += len(t)
-        e1, e2 = uv[t[:, 1]] - uv[t[:, 0]], uv[t[:, 2]] - uv[t[:, 0]]
-        areas = np.abs(e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])
-        _, pick, weight = sample_triangles(areas, np.array([0, len(t)]), samples, rng)
-        inside = weight.max(1) < 1.0
-        at = np.einsum("nk,nki->ni", weight[inside], uv[t[pick[inside]]])
-        surface = BRepAdaptor_Surface(face, False)
-        points = np.array([(p.X(), p.Y(), p.Z()) for p in (surface.Value(u, v) for u, v in at)])
-        distance, _ = ClosestPrimitive(xyz, t).query(points)
-        worst, total = max(worst, float(distance.max())), total + len(points)
-    return {"triangles": triangles, "lost_faces": lost, "samples": total, "error_mm": worst}
-
-
-# Ours.
+def warm(call: Callable[[], Any], runs: int) -> float:
+    """Median CPU seconds of ``runs`` calls, and of more while they are over in no time."""
+    seconds: list[float] = []
+    while len(seconds) < runs or sum(seconds) < WARM_S:
+        seconds.append(timed(call)[1])
+    return statistics.median(seconds)
 
 
 def read_ours(path: Path) -> list[GeometryBatch]:
@@ -229,6 +133,8 @@ def attack_ours(
     found = [r.as_json() for r in reports]
     tight = np.concatenate([r.certified / np.maximum(r.measured, 1e-300) for r in reports])
     shown = np.concatenate([r.measured > 1e-6 * deflection for r in reports])
+    certified, gap = (np.concatenate(a) for a in ([r.certified for r in reports], [m.pcurve_error for m in meshes]))
+    smooth = tight[(certified - gap > SHOWN * deflection) & (gap < GAP * deflection)]
     return {
         "triangles": int(sum(len(m.triangles) for m in meshes)),
         "statuses": {s.name.lower(): int((status == s).sum()) for s in FaceStatus},
@@ -238,6 +144,9 @@ def attack_ours(
         "certified_mm": max(f["certified_max_mm"] for f in found),
         "faces_over_request": sum(f["faces_over_request"] for f in found),
         "median_certified_over_measured": float(np.median(tight[shown])) if shown.any() else None,
+        "smooth_faces": len(smooth),
+        "median_of_smooth": float(np.median(smooth)) if len(smooth) else None,
+        "largest_of_smooth": float(smooth.max()) if len(smooth) else None,
         "undecided": sum(f["undecided"] for f in found),
         "violations": [v for f in found for v in f["violations"]],
     }
@@ -264,11 +173,9 @@ def compare(path: Path, shares: list[float], runs: int, samples: int, seed: int)
     for share in shares:
         deflection = share * size
         meshes, first = timed(lambda d=deflection: mesh_ours(parts, d))
-        warm = [timed(lambda d=deflection: mesh_ours(parts, d))[1] for _ in range(runs)]
-        ours = {"first_call_s": first, "s": statistics.median(warm)}
+        ours = {"first_call_s": first, "s": warm(lambda d=deflection: mesh_ours(parts, d), runs)}
         _, first = timed(lambda d=deflection: mesh_theirs(shape, d))
-        warm = [timed(lambda d=deflection: mesh_theirs(shape, d))[1] for _ in range(runs)]
-        theirs = {"first_call_s": first, "s": statistics.median(warm)}
+        theirs = {"first_call_s": first, "s": warm(lambda d=deflection: mesh_theirs(shape, d), runs)}
         ours |= attack_ours(parts, meshes, deflection, samples, seed)
         theirs |= attack_theirs(their_faces, samples, seed)
         for side, faces in ((ours, n_faces), (theirs, len(their_faces))):
@@ -310,7 +217,7 @@ def car_body_rows(runs: int, samples: int, seed: int) -> Iterator[dict[str, Any]
     geometry = car_body(seed)
     for deflection in CAR_BODY_MM:
         mesh = tessellate(geometry, deflection)
-        ours = statistics.median(timed(lambda d=deflection: tessellate(geometry, d))[1] for _ in range(2 * runs))
+        ours = warm(lambda d=deflection: tessellate(geometry, d), 2 * runs)
         gain = threads_gain(lambda w, d=deflection: tessellate(geometry, d, workers=w), 5 * runs)
         found = attack_ours([geometry], [mesh], deflection, samples, seed)
         yield {
@@ -325,71 +232,11 @@ def car_body_rows(runs: int, samples: int, seed: int) -> Iterator[dict[str, Any]
         }
 
 
-def car_body_line(row: dict[str, Any]) -> str:
-    """One row of the car body's table, in Markdown."""
-    cells = [f"{row['deflection_mm']:g}", row["faces"], row["triangles"], f"{row['faces_per_s']:.0f}"]
-    cells += [f"{row['two_threads']:.2f}×", f"{row['error_over_deflection']:.2f}", len(row["violations"])]
-    return "| " + " | ".join(str(c) for c in cells) + " |"
-
-
-CAR_BODY_HEAD = (
-    "| car body, deflection mm | faces | triangles | faces/s, one core | two threads beside one "
-    "| error / deflection | violations |\n|--:|--:|--:|--:|--:|--:|--:|"
-)
-
-HEAD = (
-    f"{'model':28}{'defl/diag':>10} |{'faces/s':>9}{'ktri/s':>8}{'tri':>9}{'err/defl':>9}{'viol':>5}"
-    f" |{'OCC f/s':>9}{'ktri/s':>8}{'tri':>9}{'err/defl':>9} |{'speed':>7}{'tri ratio':>10}{'equal err':>10}"
-)
-
-
-def line(row: dict[str, Any]) -> str:
-    """One row of the printed table."""
-    a, b = row["ours"], row["open_cascade"]
-    cells = [f"{row['model'][:27]:28}{row['deflection_over_diagonal']:10.0e} |"]
-    for side in (a, b):
-        cells.append(f"{side['faces_per_s']:9.0f}{side['triangles_per_s'] / 1e3:8.0f}{side['triangles']:9d}")
-        cells.append(f"{side['error_over_deflection']:9.2f}")
-        cells.append(f"{len(a['violations']):5d} |" if side is a else " |")
-    cells.append(f"{row['speedup']:6.1f}x{a['triangles'] / max(1, b['triangles']):10.2f}")
-    cells.append(f"{row['ours_at_their_error']['triangles'] / max(1, b['triangles']):10.2f}")
-    return "".join(cells)
-
-
-MARKDOWN_HEAD = (
-    "| model | faces | deflection / diagonal | faces/s, ours | theirs | faster | triangles, ours | theirs "
-    "| ours/theirs | at equal measured error | error / deflection, ours | theirs | violations "
-    "| certified/measured, median | first call s, ours | theirs |\n|---|" + "--:|" * 15
-)
-
-
-def markdown(result: dict[str, Any]) -> str:
-    """The rows as a Markdown table with the machine's line."""
-    cpu = result["machine"]
-    fresh = result["fresh_process"]
-    lines = [f"{cpu['cpu']}, one of {cpu['cores']} cores, Python {cpu['python']}. First call in a fresh process with"]
-    lines += [f"compiled kernels, imports included: {fresh['wall_s']:.1f} s wall, {fresh['cpu_s']:.1f} s CPU.", ""]
-    lines.append(MARKDOWN_HEAD)
-    for r in result["rows"]:
-        a, b = r["ours"], r["open_cascade"]
-        cells = [r["model"], a["faces"], f"{r['deflection_over_diagonal']:.0e}", f"{a['faces_per_s']:.0f}"]
-        cells += [f"{b['faces_per_s']:.0f}", f"{r['speedup']:.1f}×", a["triangles"], b["triangles"]]
-        equal = r["ours_at_their_error"]["triangles"]
-        cells += [f"{n / max(1, b['triangles']):.2f}" for n in (a["triangles"], equal)]
-        cells += [f"{a['error_over_deflection']:.2f}", f"{b['error_over_deflection']:.2f}", len(a["violations"])]
-        cells.append(f"{a['median_certified_over_measured']:.2f}")
-        cells += [f"{side['first_call_s']:.2f}" for side in (a, b)]
-        lines.append("| " + " | ".join(str(c) for c in cells) + " |")
-    samples = sum(r["ours"]["samples"] for r in result["rows"]) + sum(r["samples"] for r in result["car_body"])
-    lines += ["", f"{samples:,} distances were measured on our meshes.", "", CAR_BODY_HEAD]
-    return "\n".join([*lines, *map(car_body_line, result["car_body"])])
-
-
 @click.command()
 @click.argument("models", nargs=-1)
 @click.option("--out", type=click.Path(path_type=Path), help="Write everything as JSON.")
 @click.option("--deflection", "shares", multiple=True, type=float, default=[1e-3, 1e-4], help="Share of the diagonal.")
-@click.option("--runs", default=3, help="Warm runs, of which the median counts.")
+@click.option("--runs", default=3, help="Warm runs, of which the median counts, at least.")
 @click.option("--samples", default=300, help="Samples a face and direction.")
 @click.option("--seed", default=0)
 @click.option(
