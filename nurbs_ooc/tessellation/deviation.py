@@ -6,7 +6,6 @@ closed form. Creases inside the box add to it.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
