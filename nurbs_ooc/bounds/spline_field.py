@@ -14,7 +14,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.derivative_boxes import ALL, FIRST_U, FIRST_V, LAST_U, LAST_V
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, find_break
+from nurbs_ooc.bounds.piece_boxes import find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
 from nurbs_ooc.bounds.slope_field import largest_slope, no_slopes, unite_slopes
 from nurbs_ooc.bounds.spline_slopes import AT_U0, AT_U1, AT_V0, AT_V1, spline_slopes
 from nurbs_ooc.geometry.tables import Tables

@@ -15,7 +15,8 @@ from nurbs_cache.jit import kernel, leaf
 from nurbs_cache.surface_record import POLE
 from nurbs_ooc.bounds.curve_bounds import HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import CurvePieces
-from nurbs_ooc.bounds.pieces import Pieces, box_bounds
+from nurbs_ooc.bounds.piece_boxes import box_bounds
+from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.ranges import Run, at_once
 from nurbs_ooc.geometry.tables import Tables
 

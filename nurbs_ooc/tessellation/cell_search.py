@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nurbs_cache.jit import leaf
-from nurbs_ooc.bounds.pieces import unite
+from nurbs_ooc.bounds.piece_boxes import unite
 from nurbs_ooc.bounds.triangle_bound import box_radii
 from nurbs_ooc.tessellation.cells import AXIS, CHILD, CUT, PARENT, SECOND, VECTORS, Cells
 

@@ -25,7 +25,8 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, second_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, box_bounds, box_boxes, find_break
+from nurbs_ooc.bounds.piece_boxes import box_bounds, box_boxes, find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, grid_bounds
 from nurbs_ooc.geometry.bezier_net import bezier_net, split_net
 from nurbs_ooc.geometry.surface import NURBS

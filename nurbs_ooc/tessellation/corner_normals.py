@@ -21,7 +21,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import HIDDEN, JUMP, REACH, VALUE
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, find_break
+from nurbs_ooc.bounds.piece_boxes import find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
 from nurbs_ooc.geometry.surface import POLE_STEPS, normal_of, surface_normal, surface_point, vanishing_partials
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.deviation import Frame

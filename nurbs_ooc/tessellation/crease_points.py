@@ -15,7 +15,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.creases import crease_charge
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, N_U, N_V, Pieces, find_break
+from nurbs_ooc.bounds.piece_boxes import find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, N_U, N_V, Pieces
 from nurbs_ooc.tessellation.deviation import Frame
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.triangulate import FIXED, N_POINTS, Triangulation, split_inside

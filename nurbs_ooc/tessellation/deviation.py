@@ -15,7 +15,8 @@ from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, creases_in_box, pieces_met, second_of_pieces
+from nurbs_ooc.bounds.piece_boxes import creases_in_box, pieces_met, second_of_pieces
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, corner_hair, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import NET, bezier_net
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION

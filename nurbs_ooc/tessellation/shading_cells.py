@@ -15,7 +15,8 @@ from nurbs_cache.jit import helper, leaf
 from nurbs_cache.local_array import local_line, local_table
 from nurbs_ooc.bounds.circle_turn import turn_of_circle
 from nurbs_ooc.bounds.creases import JUMP, VALUE
-from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces, find_break
+from nurbs_ooc.bounds.piece_boxes import find_break
+from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
 from nurbs_ooc.geometry.surface import CONE, CYLINDER, normal_of, surface_point
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
 from nurbs_ooc.tessellation.attribute_plan import attribute_counts

@@ -10,7 +10,8 @@ from nurbs_cache.jit import kernel
 from nurbs_cache.surface_record import GeometryBatch
 from nurbs_ooc.bounds.creases import JUMP
 from nurbs_ooc.bounds.curve_bounds import D1, D2, SIZE, curve_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, Pieces, box_bounds
+from nurbs_ooc.bounds.piece_boxes import box_bounds
+from nurbs_ooc.bounds.pieces import BREAK_U, Pieces
 from nurbs_ooc.bounds.strips import surface_pieces
 from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.forms import SurfaceForm

@@ -13,7 +13,8 @@ from nurbs_ooc.bounds.creases import HIDDEN, JUMP, REACH
 from nurbs_ooc.bounds.curve_bounds import D1, D2, D2_X, HIGH, LOW
 from nurbs_ooc.bounds.curve_pieces import curve_pieces
 from nurbs_ooc.bounds.derivatives import BOXES, MUU, MUV, MVV, net_bounds
-from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces, box_bounds, box_boxes, creases_in_box
+from nurbs_ooc.bounds.piece_boxes import box_bounds, box_boxes, creases_in_box
+from nurbs_ooc.bounds.pieces import BREAK_U, N_U, N_V, Pieces
 from nurbs_ooc.bounds.strips import surface_pieces
 from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, largest_mean, norm_bound, vector_bound
 from nurbs_ooc.geometry.bezier_net import bezier_net
