@@ -15,8 +15,8 @@ from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, CREASED, N_U, N_V, Pieces
 from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.tables import MAX_DEGREE, Tables
+from nurbs_ooc.tessellation.edge_samples import EdgeSamples, with_positions
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
-from nurbs_ooc.tessellation.edges import EdgeSamples, with_positions
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

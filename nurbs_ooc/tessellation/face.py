@@ -31,7 +31,8 @@ from nurbs_ooc.tessellation.certify_shading import (
 )
 from nurbs_ooc.tessellation.constraints import flood_inside
 from nurbs_ooc.tessellation.deviation import Frame, worst_bound
-from nurbs_ooc.tessellation.edges import AIM, EdgeSamples
+from nurbs_ooc.tessellation.edge_samples import EdgeSamples
+from nurbs_ooc.tessellation.edges import AIM
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, surface_diagonal
 from nurbs_ooc.tessellation.grid_points import DONE, FULL, insert_grids
 from nurbs_ooc.tessellation.loops_on_lattice import (

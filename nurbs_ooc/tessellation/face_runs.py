@@ -16,7 +16,7 @@ from nurbs_cache.turns import new_turns, next_turn
 from nurbs_ooc.bounds.pieces import Pieces
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.assemble import Arrays, Chunk, Round
-from nurbs_ooc.tessellation.edges import EdgeSamples
+from nurbs_ooc.tessellation.edge_samples import EdgeSamples
 from nurbs_ooc.tessellation.emit import Output, emit_face, emit_points, new_output, with_room
 from nurbs_ooc.tessellation.face import (
     BOX_AS_POINTS,

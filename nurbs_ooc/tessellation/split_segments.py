@@ -8,8 +8,8 @@ import numpy.typing as npt
 from nurbs_cache.jit import kernel
 from nurbs_ooc.geometry.ranges import Run
 from nurbs_ooc.geometry.tables import Tables
+from nurbs_ooc.tessellation.edge_samples import MAX_SAMPLES, EdgeSamples, place_samples
 from nurbs_ooc.tessellation.edge_uses import EdgeUses
-from nurbs_ooc.tessellation.edges import MAX_SAMPLES, EdgeSamples, place_samples
 
 Ints = npt.NDArray[np.int64]
 

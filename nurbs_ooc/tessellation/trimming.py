@@ -20,7 +20,7 @@ from nurbs_ooc.geometry.coedge import coedge_uv
 from nurbs_ooc.geometry.predicates import LATTICE
 from nurbs_ooc.geometry.surface import surface_normal, surface_point
 from nurbs_ooc.geometry.tables import Tables
-from nurbs_ooc.tessellation.edges import EdgeSamples
+from nurbs_ooc.tessellation.edge_samples import EdgeSamples
 from nurbs_ooc.tessellation.workspace import BoundaryRoom
 
 Floats = npt.NDArray[np.float64]

@@ -9,8 +9,8 @@ from nurbs_ooc.geometry.builder import BatchBuilder
 from nurbs_ooc.geometry.ranges import at_once
 from nurbs_ooc.geometry.sample_faces import add_cylinder, add_plane
 from nurbs_ooc.geometry.tables import Tables, tables
+from nurbs_ooc.tessellation.edge_samples import EdgeSamples
 from nurbs_ooc.tessellation.edge_uses import EdgeUses, edge_uses
-from nurbs_ooc.tessellation.edges import EdgeSamples
 from nurbs_ooc.tessellation.split_segments import GROWN_SAMPLES, most_samples, split_segments
 from nurbs_ooc.tessellation.workers import Lengths, Threads
 
