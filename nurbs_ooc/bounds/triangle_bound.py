@@ -91,13 +91,13 @@ def corner_hair(m: Floats, du: float, dv: float) -> float:
     """What second derivatives ``m`` outside of a triangle's box may add if its corners lie up to (du, dv) beyond it.
 
     Corners p_i are drawn back to p'_i in the box, by d_i. Then S - L at q is that of the drawn back triangle at q',
-    and sum_i l_i (grad S(q') - grad S(p'_i)) d_i, which is in ``_slack``, and remainders that this bounds.
+    and sum_i l_i (grad S(q') - grad S(p'_i)) d_i, which is in ``rounding_slack``, and remainders that this bounds.
     """
     return m[0] * du * du + 2.0 * m[1] * du * dv + m[2] * dv * dv
 
 
 @leaf
-def _slack(m: Floats, a: float, b: float, du: float, dv: float) -> float:
+def rounding_slack(m: Floats, a: float, b: float, du: float, dv: float) -> float:
     """What an uncertainty of (du, dv) in the parameters of each corner may add to a bound in an a x b box.
 
     Four parts for the gradients' change over the box (see ``corner_hair``), one for that of the corners' differences.
@@ -122,7 +122,7 @@ def norm_bound(
     p = m[0] * (x1 - x0) ** 2 + m[2] * (y1 - y0) ** 2
     q = m[0] * (x2 - x0) ** 2 + m[2] * (y2 - y0) ** 2
     r = m[0] * (x2 - x1) ** 2 + m[2] * (y2 - y1) ** 2
-    return 0.5 * largest_mean(p, q, r) + 0.25 * a * b * m[1] + _slack(m, a, b, du, dv)
+    return 0.5 * largest_mean(p, q, r) + 0.25 * a * b * m[1] + rounding_slack(m, a, b, du, dv)
 
 
 @leaf
@@ -137,7 +137,7 @@ def vector_bound(
     q = _form(boxes, x2 - x0, y2 - y0)
     r = _form(boxes, x2 - x1, y2 - y1)
     rest = a * a * m[RADII] + 2.0 * a * b * m[RADII + 1] + b * b * m[RADII + 2]
-    return 0.5 * largest_mean(p, q, r) + 0.125 * rest + _slack(m, a, b, du, dv)
+    return 0.5 * largest_mean(p, q, r) + 0.125 * rest + rounding_slack(m, a, b, du, dv)
 
 
 @leaf

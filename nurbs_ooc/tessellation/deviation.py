@@ -6,6 +6,7 @@ closed form. Creases inside the box add to it.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,11 @@ import numpy.typing as npt
 from nurbs_cache.jit import leaf
 from nurbs_cache.local_array import local_line
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
-from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV, second_bounds
+from nurbs_ooc.bounds.derivatives import MUU, MUV, MVV
 from nurbs_ooc.bounds.piece_boxes import creases_in_box, pieces_met, second_of_pieces
 from nurbs_ooc.bounds.pieces import BREAK_U, BREAK_V, N_U, N_V, Pieces
-from nurbs_ooc.bounds.triangle_bound import MEASURES, box_radii, corner_hair, norm_bound, vector_bound
-from nurbs_ooc.geometry.bezier_net import NET, bezier_net
+from nurbs_ooc.bounds.sampled_bound import largest_deviation
+from nurbs_ooc.bounds.triangle_bound import MEASURES, corner_hair, norm_bound, rounding_slack, vector_bound
 from nurbs_ooc.geometry.surface import EXTRUSION, NURBS, REVOLUTION
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cell_search import cell_around, cell_bounds
@@ -31,10 +32,8 @@ Ints = npt.NDArray[np.int64]
 
 # Where roundoff of the corners may take more than this share of the error, cells beyond them are looked at instead.
 HAIR_SHARE = 1e-4
-# A triangle whose bound is below so many times what it must keep is looked at by itself, if the surface's nets have
-# no more points than these.
-NEARLY = 1.6
-MOST_POINTS = 16
+# Sides are cut in so many parts where a triangle fails, and where a face's bound is looked at once more.
+HALVES, QUARTERS = 2, 4
 # Of a leaf that covers several pieces those are looked at that the triangle meets, up to so many.
 MOST_PIECES = 16
 
@@ -54,35 +53,52 @@ class Check(NamedTuple):
     second: Floats  # (MEASURES,) what the last bound rests on, see ``cell_bounds``: its norms always, boxes perhaps
     stack: Ints  # (256,) of a walk in the kd-tree
     near: Ints  # (1,) the cell where the last walk began
+    off: Floats  # (1,) mm, ``evaluation_error`` of the surface
+    widest: Ints  # (1,) the triangle that had the largest bound when it was looked at
 
 
 @leaf
-def _measure_own(
-    g: Tables, p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, several: bool, enough: float,
-    out: Floats,
-) -> bool:  # fmt: skip
-    """Second-derivative bounds over just this box to ``out`` (MEASURES,): of its pieces, or of its Bézier net.
+def seen_length(m: Floats, x: float, y: float) -> float:
+    """Squared length of a side (x, y) as the error under second derivatives ``m`` sees it: 8 times its own bound."""
+    return x * x * m[0] + 2.0 * abs(x * y) * m[1] + y * y * m[2]
 
-    Returns whether there are any that a leaf's own, over one piece or ``several``, are not as good as.
-    """
-    at_u, n_u, at_v, n_v = p.table[row, BREAK_U], p.table[row, N_U], p.table[row, BREAK_V], p.table[row, N_V]
-    i0, i1 = pieces_met(p, at_u, n_u, u0, u1)
-    j0, j1 = pieces_met(p, at_v, n_v, v0, v1)
-    if (i1 - i0) * (j1 - j0) > 1:
-        if several and (i1 - i0) * (j1 - j0) <= MOST_PIECES:
-            second_of_pieces(p, row, i0, i1, j0, j1, out)
-            return True
+
+@leaf
+def _measure_met(p: Pieces, row: int, u0: float, u1: float, v0: float, v1: float, out: Floats) -> bool:
+    """Second-derivative bounds of just the pieces that a box meets to ``out`` (MEASURES,), unless they are many."""
+    i0, i1 = pieces_met(p, p.table[row, BREAK_U], p.table[row, N_U], u0, u1)
+    j0, j1 = pieces_met(p, p.table[row, BREAK_V], p.table[row, N_V], v0, v1)
+    if (i1 - i0) * (j1 - j0) > MOST_PIECES:
         return False
-    s = g.surfaces[row]
-    inside = u0 >= p.breaks[at_u + i0, 0] and v0 >= p.breaks[at_v + j0, 0]
-    inside = inside and u0 < u1 <= p.breaks[at_u + i1, 0] and v0 < v1 <= p.breaks[at_v + j1, 0]
-    if not inside or (s.degree_u + 1) * (s.degree_v + 1) > MOST_POINTS:
-        return False
-    net = local_line(NET)
-    bezier_net(g, row, u0, u1, v0, v1, net)
-    second_bounds(net, s.degree_u, s.degree_v, 4 if s.rational else 3, u1 - u0, v1 - v0, enough, out)
-    box_radii(out)
+    second_of_pieces(p, row, i0, i1, j0, j1, out)
     return True
+
+
+@leaf
+def _sampled_bound(
+    g: Tables, row: int, f: Frame, check: Check, x0: float, y0: float, x1: float, y1: float, x2: float, y2: float,
+    bound: float, charge: float, n: int, enough: float,
+) -> float:  # fmt: skip
+    """The bound of a triangle from its deviation at points (see ``sampled_bound``); infinite if that is not ``enough``.
+
+    ``bound`` is the one without, with the ``charge`` for rounded corners in it.
+    """
+    m = check.second
+    du, dv = f.du, f.dv
+    # The side that the error sees as the longest first.
+    p = seen_length(m, (x1 - x0) * du, (y1 - y0) * dv)
+    q = seen_length(m, (x2 - x0) * du, (y2 - y0) * dv)
+    r = seen_length(m, (x2 - x1) * du, (y2 - y1) * dv)
+    if p > q and p > r:
+        x0, y0, x2, y2 = x2, y2, x0, y0
+    elif q > r:
+        x0, y0, x1, y1 = x1, y1, x0, y0
+    a, b = (max(x0, x1, x2) - min(x0, x1, x2)) * du, (max(y0, y1, y2) - min(y0, y1, y2)) * dv
+    rest = (bound - charge) / (n * n) + charge + rounding_slack(m, a, b, du, dv) + check.off[0]
+    if rest > enough:
+        return math.inf
+    u0, v0, u1, v1 = f.u0 + du * x0, f.v0 + dv * y0, f.u0 + du * x1, f.v0 + dv * y1
+    return rest + largest_deviation(g, row, u0, v0, u1, v1, f.u0 + du * x2, f.v0 + dv * y2, n, enough - rest)
 
 
 @leaf
@@ -100,10 +116,12 @@ def _corners_bound(
     y1: float,
     x2: float,
     y2: float,
+    parts: int = HALVES,
 ) -> float:
     """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``.
 
-    The directions of second derivatives are looked at only where their norms do not give ``enough`` (mm).
+    The directions of second derivatives are looked at only where their norms do not give ``enough`` (mm), and then
+    points of its sides cut in ``parts``, but for triangles on creases.
     """
     m = check.second
     # Half a lattice step wider, for corners were rounded.
@@ -140,12 +158,14 @@ def _corners_bound(
             cell_bounds(c, node, u0, u1, v0, v1, True, check.stack, m)
         finer = charge + vector_bound(m, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
         bound = min(bound, finer)
-        several = c.node[node, EXTENT] == SEVERAL
-        if enough < bound and (several or bound < NEARLY * enough):
+        if bound > enough and c.node[node, EXTENT] == SEVERAL:
             own = local_line(MEASURES)
-            if _measure_own(g, p, row, u0, u1, v0, v1, several, enough, own):
+            if _measure_met(p, row, u0, u1, v0, v1, own):
                 finer = charge + vector_bound(own, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
                 bound = min(bound, finer)
+        if bound > enough and charge == hair:
+            sampled = _sampled_bound(g, row, f, check, x0, y0, x1, y1, x2, y2, bound, charge, parts, enough)
+            bound = min(bound, sampled)
     return bound
 
 
@@ -225,4 +245,34 @@ def worst_bound(
     for k in range(t.n[N_TRIANGLES]):
         if t.tri[k, INSIDE] != 0:
             worst = max(worst, face_bound(g, p, row, c, f, t, k, check, target))
+    return worst
+
+
+@leaf
+def _closer_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, enough: float, check: Check
+) -> float:
+    """As ``face_bound``, with a closer look where that is not ``enough``."""
+    a, b, d = t.points[t.tri[k, 0]], t.points[t.tri[k, 1]], t.points[t.tri[k, 2]]
+    x0, y0, x1, y1, x2, y2 = float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, x2, y2, QUARTERS)
+
+
+@leaf
+def closer_bound(
+    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, enough: float, check: Check
+) -> float:
+    """As ``worst_bound``, with a closer look at each triangle; infinite if one does not keep ``enough``, mm.
+
+    That is most likely the one that had the widest bound, so it is the first.
+    """
+    n = t.n[N_TRIANGLES]
+    worst = 0.0
+    for i in range(-1, n):
+        k = i if i >= 0 else min(check.widest[0], n - 1)
+        if t.tri[k, INSIDE] != 0:
+            bound = _closer_bound(g, p, row, c, f, t, k, enough, check)
+            if bound > enough:
+                return math.inf
+            worst = max(worst, bound)
     return worst

@@ -19,8 +19,9 @@ from nurbs_cache.surface_record import FaceReason, FaceStatus
 from nurbs_ooc.bounds.closed_form import closed_form_bounds
 from nurbs_ooc.bounds.derivatives import LU, LV
 from nurbs_ooc.bounds.pieces import Pieces
+from nurbs_ooc.bounds.sampled_bound import evaluation_error
 from nurbs_ooc.geometry.predicates import LATTICE
-from nurbs_ooc.geometry.surface import PLANE
+from nurbs_ooc.geometry.surface import NURBS, PLANE
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import CHILD, GRID, Cells, build_cells
 from nurbs_ooc.tessellation.certify_shading import (
@@ -30,7 +31,7 @@ from nurbs_ooc.tessellation.certify_shading import (
     segments_too_long,
 )
 from nurbs_ooc.tessellation.constraints import flood_inside
-from nurbs_ooc.tessellation.deviation import Frame, worst_bound
+from nurbs_ooc.tessellation.deviation import Frame, closer_bound, worst_bound
 from nurbs_ooc.tessellation.edge_samples import EdgeSamples
 from nurbs_ooc.tessellation.edges import AIM
 from nurbs_ooc.tessellation.fallback import box_diagonal, mask_inside, surface_diagonal
@@ -87,6 +88,8 @@ MOST_SHADED = 16.0  # where normals count: those that turn within a sliver of th
 SPARE_POINTS = 4096.0
 # Folded triangles at poles are mended so often.
 MENDINGS = 3
+# The bound of a face of so FEW triangles is looked at once more: does this share of it hold for all of them?
+FEW, LOOSE = 128, 0.25
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 
@@ -256,6 +259,10 @@ def _settle(
         if d.code[STATUS] == 0 and _shading_is_over(d, aim, target):
             d.code[STATUS] = DEGRADED
             d.code[REASON] = NORMALS_NOT_KEPT if d.found[ANGLE] > aim.normal else APPEARANCE_NOT_KEPT
+    if d.error[WORST] <= target and t.n[N_TRIANGLES] <= FEW:
+        # What was enough may be far more than any triangle needs.
+        closer = closer_bound(g, p, row, c, f, t, LOOSE * d.error[WORST], w.check)
+        d.error[WORST] = min(d.error[WORST], closer)
     if d.error[WORST] > target:
         # No point is farther off than the face is large.
         largest = surface_diagonal(g, row, b)
@@ -319,6 +326,7 @@ def tessellate_face(
         return NO_ROOM
     c = Cells(w.cells.node[:n_cells], w.cells.box[:n_cells])
     w.check.near[0] = 0
+    w.check.off[0] = evaluation_error(g, row) if g.surfaces[row].kind == NURBS else 0.0
     density_u, density_v = _plane_metric(g, row) if flat else _metric(c)
     promised = n + _grid_points(c)
     shades = c

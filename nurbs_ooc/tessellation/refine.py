@@ -20,7 +20,7 @@ from nurbs_ooc.geometry.predicates import orient
 from nurbs_ooc.geometry.tables import Tables
 from nurbs_ooc.tessellation.cells import Cells
 from nurbs_ooc.tessellation.crease_points import split_costly_crease
-from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, edge_bound, face_bound, points_bound
+from nurbs_ooc.tessellation.deviation import Check, Frame, can_shrink, edge_bound, face_bound, points_bound, seen_length
 from nurbs_ooc.tessellation.grid_points import DONE, FULL
 from nurbs_ooc.tessellation.triangulate import (
     ADJACENT,
@@ -49,8 +49,7 @@ MOST_PARTS = 8
 @leaf
 def _length(t: Triangulation, f: Frame, m: Floats, a: int, b: int) -> float:
     """The bound of the edge a-b alone, under the second derivatives ``m``."""
-    x, y = abs(t.points[a, 0] - t.points[b, 0]) * f.du, abs(t.points[a, 1] - t.points[b, 1]) * f.dv
-    return (x * x * m[0] + 2.0 * x * y * m[1] + y * y * m[2]) / 8.0
+    return seen_length(m, (t.points[a, 0] - t.points[b, 0]) * f.du, (t.points[a, 1] - t.points[b, 1]) * f.dv) / 8.0
 
 
 @leaf
@@ -202,6 +201,7 @@ def certify(
                 if t.n[N_POINTS] > before:
                     again, bound = True, 0.0
             # Of a triangle that stays; one that goes later counts too, and had a bound within the target.
-            worst = max(worst, bound)
+            if bound > worst:
+                worst, check.widest[0] = bound, k
             k += 1
     return code, worst
