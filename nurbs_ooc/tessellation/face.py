@@ -325,7 +325,7 @@ def tessellate_face(
         w.size[MORE_CELLS] = 1
         return NO_ROOM
     c = Cells(w.cells.node[:n_cells], w.cells.box[:n_cells])
-    w.check.near[0] = 0
+    w.check.near[0], w.check.widest[0] = 0, 0
     # Where normals count too, triangles that just keep the distance are too long for them: no closer look then.
     w.check.off[0] = evaluation_error(g, row) if g.surfaces[row].kind == NURBS and aim is None else math.inf
     density_u, density_v = _plane_metric(g, row) if flat else _metric(c)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,10 @@ import pytest
 
 from nurbs_cache.surface_record import FaceReason, FaceStatus, GeometryBatch
 from nurbs_ooc.measure.attack_mesh import attack_mesh
+from nurbs_ooc.tessellation import tessellate as driver
 from nurbs_ooc.tessellation.mesh import MeshBatch
+from nurbs_ooc.tessellation.split_segments import split_segments
+from nurbs_ooc.tessellation.tessellate import tessellate
 from tests.hard.apart import tessellate_apart
 from tests.hard.fuzz_faces import ALL_KINDS, CROSSING, ERROR, Kinds, fuzz_batch, without
 from tests.hard.lattice_step import lattice_step
@@ -72,6 +75,18 @@ def test_the_same_seed_gives_the_same_faces() -> None:
         assert np.array_equal(getattr(one, table), getattr(same, table))
     assert np.array_equal(one.values, longer.values[: len(one.values)])
     assert longer.sources[:8] == one.sources
+
+
+def test_threads_do_not_matter_to_faces_that_are_done_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    geometry = fuzz_batch(3, 60, TAME)
+    cuts = []
+    monkeypatch.setattr(driver, "split_segments", lambda *given: cuts.append(1) or split_segments(*given))
+    one = tessellate(geometry, ERROR)
+    assert cuts
+    for workers in (2, 5):
+        many = tessellate(geometry, ERROR, workers=workers)
+        for field in fields(MeshBatch):
+            assert np.array_equal(getattr(one, field.name), getattr(many, field.name)), field.name
 
 
 def test_sample(tmp_path: Path) -> None:

@@ -5,15 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 
 from nurbs_cache.surface_record import FaceStatus, GeometryBatch
 from nurbs_ooc.geometry.curve import evaluate_curve
 from nurbs_ooc.geometry.surface import evaluate
 from nurbs_ooc.synth.car_body import car_body
-from nurbs_ooc.tessellation import tessellate as driver
 from nurbs_ooc.tessellation.mesh import MeshBatch
-from nurbs_ooc.tessellation.split_segments import split_segments
 from nurbs_ooc.tessellation.tessellate import tessellate
 
 
@@ -75,12 +72,9 @@ def test_closed_but_for_its_border_and_its_holes() -> None:
     assert len(np.unique(free[~holes])) == (~holes).sum()
 
 
-def test_the_mesh_does_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_mesh_does_not_depend_on_threads() -> None:
     geometry = car_body()
-    cuts = []
-    monkeypatch.setattr(driver, "split_segments", lambda *given: cuts.append(1) or split_segments(*given))
     one = tessellate(geometry, 0.5)
-    assert cuts  # some faces are done twice
     for workers in (2, 5):
         many = tessellate(geometry, 0.5, workers=workers)
         for field in dataclasses.fields(MeshBatch):
