@@ -34,6 +34,8 @@ Ints = npt.NDArray[np.int64]
 HAIR_SHARE = 1e-4
 # Sides are cut in so many parts where a triangle fails, and where a face's bound is looked at once more.
 HALVES, QUARTERS = 2, 4
+# Points of halves hardly ever save a triangle whose bound is so many times what it must keep.
+FAR = 2.0
 # Of a leaf that covers several pieces those are looked at that the triangle meets, up to so many.
 MOST_PIECES = 16
 
@@ -81,7 +83,7 @@ def _sampled_bound(
 ) -> float:  # fmt: skip
     """The bound of a triangle from its deviation at points (see ``sampled_bound``); infinite if that is not ``enough``.
 
-    ``bound`` is the one without, with the ``charge`` for rounded corners in it.
+    ``bound`` is the one without, with the ``charge`` for creases and rounded corners in it: no small triangle has more.
     """
     m = check.second
     du, dv = f.du, f.dv
@@ -121,7 +123,7 @@ def _corners_bound(
     """Deviation bound of a triangle with corners at lattice places, mm; what it rests on stays in ``check.second``.
 
     The directions of second derivatives are looked at only where their norms do not give ``enough`` (mm), and then
-    points of its sides cut in ``parts``, but for triangles on creases.
+    points of its sides cut in ``parts``.
     """
     m = check.second
     # Half a lattice step wider, for corners were rounded.
@@ -163,7 +165,7 @@ def _corners_bound(
             if _measure_met(p, row, u0, u1, v0, v1, own):
                 finer = charge + vector_bound(own, x0 * du, y0 * dv, x1 * du, y1 * dv, x2 * du, y2 * dv, du, dv)
                 bound = min(bound, finer)
-        if bound > enough and charge == hair:
+        if bound > enough and (parts > HALVES or bound < FAR * enough):
             sampled = _sampled_bound(g, row, f, check, x0, y0, x1, y1, x2, y2, bound, charge, parts, enough)
             bound = min(bound, sampled)
     return bound

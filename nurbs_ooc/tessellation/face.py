@@ -89,7 +89,7 @@ SPARE_POINTS = 4096.0
 # Folded triangles at poles are mended so often.
 MENDINGS = 3
 # The bound of a face of so FEW triangles is looked at once more: does this share of it hold for all of them?
-FEW, LOOSE = 128, 0.25
+FEW, LOOSE = 256, 0.25
 # A gap in the file may take this much of the error; beyond it the surface's share stays and the sum is reported.
 GAP_SHARE = 0.5
 
