@@ -13,6 +13,7 @@ from nurbs_ooc.accuracy.number_types import NumberPoint
 COLOURS = ("#0b6e99", "#d9730d", "#787774", "#ad1a72", "#0f7b6c", "#6940a5")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DPI = 110
+LEGEND_HEIGHT = 0.4  # of four entries, in heights of the curves below
 
 
 def draw_page(
@@ -90,11 +91,12 @@ def _normals(axis: Any, points: Sequence[CurvePoint], names: list[str], size: fl
     axis.legend()
 
 
-def _plain(axis: Any, values: Sequence[float]) -> None:
-    """A logarithmic axis around 1 with plain numbers."""
+def _plain(axis: Any, values: Sequence[float], head: float = 0.0) -> None:
+    """A logarithmic axis around 1 with plain numbers, and a share ``head`` of its height more for a legend."""
     from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-    axis.set_ylim(min([0.7, *(0.8 * v for v in values)]), max([2.0, *(1.4 * v for v in values)]))
+    low, high = min([0.7, *(0.8 * v for v in values)]), max([2.0, *(1.4 * v for v in values)])
+    axis.set_ylim(low, high * (high / low) ** head)
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.yaxis.set_major_formatter(ScalarFormatter())
     axis.yaxis.set_minor_formatter(NullFormatter())
@@ -116,12 +118,12 @@ def _ratio(axis: Any, points: Sequence[CurvePoint], names: list[str]) -> None:
         )  # fmt: skip
     axis.axhline(1.0, color="black", linewidth=1)
     _error_axis(axis)
-    _plain(axis, [p.ratio_median or 1.0 for p in own] + [p.ratio_max or 1.0 for p in own])
+    _plain(axis, [p.ratio_median or 1.0 for p in own] + [p.ratio_max or 1.0 for p in own], LEGEND_HEIGHT)
     _note(axis, 0.985, "below this line a promise would be broken", "top")
     axis.set_xlabel("requested error / diagonal  (finer →)")
     axis.set_ylabel("certified / measured")
     axis.set_title("how cautious the certified bound is")
-    axis.legend()
+    axis.legend(loc="upper right")
 
 
 def _promise(axis: Any, points: Sequence[CurvePoint], names: list[str]) -> None:
