@@ -134,7 +134,7 @@ def attack_ours(
     tight = np.concatenate([r.certified / np.maximum(r.measured, 1e-300) for r in reports])
     shown = np.concatenate([r.measured > 1e-6 * deflection for r in reports])
     certified, gap = (np.concatenate(a) for a in ([r.certified for r in reports], [m.pcurve_error for m in meshes]))
-    smooth = tight[(certified - gap > SHOWN * deflection) & (gap < GAP * deflection)]
+    smooth = tight[shown & (certified - gap > SHOWN * deflection) & (gap < GAP * deflection)]
     return {
         "triangles": int(sum(len(m.triangles) for m in meshes)),
         "statuses": {s.name.lower(): int((status == s).sum()) for s in FaceStatus},
