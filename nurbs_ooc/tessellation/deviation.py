@@ -184,12 +184,12 @@ def points_bound(
     k: int,
     check: Check,
     enough: float,
+    parts: int = HALVES,
 ) -> float:
     """Deviation bound of the triangle of points i, j and k, mm, as good as ``enough`` or the best known."""
     a, b, d = t.points[i], t.points[j], t.points[k]
-    return _corners_bound(
-        g, p, row, c, f, check, enough, float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
-    )
+    x0, y0, x1, y1, x2, y2 = float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
+    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, x2, y2, parts)
 
 
 @leaf
@@ -251,16 +251,6 @@ def worst_bound(
 
 
 @leaf
-def _closer_bound(
-    g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, k: int, enough: float, check: Check
-) -> float:
-    """As ``face_bound``, with a closer look where that is not ``enough``."""
-    a, b, d = t.points[t.tri[k, 0]], t.points[t.tri[k, 1]], t.points[t.tri[k, 2]]
-    x0, y0, x1, y1, x2, y2 = float(a[0]), float(a[1]), float(b[0]), float(b[1]), float(d[0]), float(d[1])
-    return _corners_bound(g, p, row, c, f, check, enough, x0, y0, x1, y1, x2, y2, QUARTERS)
-
-
-@leaf
 def closer_bound(
     g: Tables, p: Pieces, row: int, c: Cells, f: Frame, t: Triangulation, enough: float, check: Check
 ) -> float:
@@ -270,10 +260,11 @@ def closer_bound(
     """
     n = t.n[N_TRIANGLES]
     worst = 0.0
-    for i in range(-1, n):
-        k = i if i >= 0 else min(check.widest[0], n - 1)
+    for turn in range(-1, n):
+        k = turn if turn >= 0 else min(check.widest[0], n - 1)
         if t.tri[k, INSIDE] != 0:
-            bound = _closer_bound(g, p, row, c, f, t, k, enough, check)
+            i, j, m = t.tri[k, 0], t.tri[k, 1], t.tri[k, 2]
+            bound = points_bound(g, p, row, c, f, t, i, j, m, check, enough, QUARTERS)
             if bound > enough:
                 return math.inf
             worst = max(worst, bound)

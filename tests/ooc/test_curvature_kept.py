@@ -29,10 +29,10 @@ ORIGIN, (X, Y, Z) = np.zeros(3), np.eye(3)
 CURVATURE = Appearance(normals=False, attribute="curvature")
 
 
-def _batch(*adds: object) -> GeometryBatch:
+def _batch(*adds: Callable[[BatchBuilder], object]) -> GeometryBatch:
     builder = BatchBuilder()
     for add in adds:
-        add(builder)  # type: ignore[operator]
+        add(builder)
     return builder.build()
 
 

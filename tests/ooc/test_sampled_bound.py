@@ -73,9 +73,7 @@ def measured(surface: NdBSpline, t: Floats, rng: np.random.Generator) -> float:
 SHAPES = [(1, 1, False), (3, 3, False), (2, 5, False), (2, 2, True), (5, 3, True)]
 
 
-@pytest.mark.parametrize(
-    ("p", "q", "rational"), [(1, 1, False), (3, 3, False), (2, 5, False), (2, 2, True), (5, 3, True)]
-)
+@pytest.mark.parametrize(("p", "q", "rational"), SHAPES)
 def test_it_holds_and_is_closer_than_the_bound(p: int, q: int, rational: bool) -> None:
     g, surface = patch(p, q, rational, 7 * p + q)
     rng = np.random.default_rng(p + q)
